@@ -331,13 +331,12 @@ def measure(
     -------
     Result : figures for each output; `as_json` gives all of them.
     """
-    from guise.app.measure import MeasureRequest
-    from guise.app.measure import measure as measure_outputs
+    from guise.app.measure.job import measure as measure_outputs
+    from guise.app.measure.options import MeasureOptions
 
-    request = MeasureRequest(
-        Path(original), _paths(outputs), recogniser=_path(recogniser), gallery=_path(gallery)
-    )  # fmt: skip
-    return measure_outputs(request, progress=progress, say=say)
+    cards = () if recogniser is None else (Path(recogniser),)
+    options = MeasureOptions(recognisers=cards, gallery=_path(gallery))
+    return measure_outputs(Path(original), _paths(outputs), options, progress=progress, say=say)
 
 
 def transfer_mesh(

@@ -14,10 +14,10 @@ from test_landmarks_onnx import linear_model
 
 from guise.aam.landmarks import load_annotations
 from guise.app.cli.main import main
-from guise.app.measure import MeasureError, MeasureRequest, measure
 from guise.app.measure.curves import CURVES
-from guise.app.measure.faces import FaceTrack
-from guise.app.measure.job import FaceMatcher
+from guise.app.measure.faces import FaceTrack, MeasureError
+from guise.app.measure.job import FaceMatcher, measure
+from guise.app.measure.options import MeasureOptions
 from guise.app.measure.pair import VideoTiming, require_alike
 from guise.app.measure.people import Gallery, embeddings_in
 from guise.app.measure.reported import NOT_REPORTED, read_report
@@ -87,10 +87,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def measured(folder: Path) -> dict[str, object]:
     """The figures of an equal and of a covered output, as JSON."""
     original = folder / "original.mp4"
-    request = MeasureRequest(
-        original, [original, folder / "covered.mp4"], recogniser=folder / "card.toml", gallery=folder / "gallery"
-    )  # fmt: skip
-    result = measure(request)
+    options = MeasureOptions((folder / "card.toml",), folder / "gallery")
+    result = measure(original, [original, folder / "covered.mp4"], options)
     content = json.loads(json.dumps(result.as_json(), allow_nan=False))
     content["rows"] = {row[0]: row[1:] for row in rows_of(result)}
     return content
@@ -152,7 +150,7 @@ def test_without_a_recogniser_only_utility_is_measured_and_it_says_so(folder: Pa
     original = folder / "original.mp4"
     truth = folder / "truth.npz"
     np.savez(truth, landmarks=np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][:FRAMES])
-    result = measure(MeasureRequest(original, [original], landmarks=truth), say=said.append)
+    result = measure(original, [original], MeasureOptions(landmarks=truth), say=said.append)
     assert result.as_json()["outputs"][0]["privacy"] is None
     assert result.outputs[0].utility.found == 1
     assert 0 < result.outputs[0].utility.landmark_error < 10  # found points beside the true ones
@@ -169,11 +167,8 @@ def test_the_report_says_what_was_done_with_each_face(folder: Path, tmp_path: Pa
     track = {"donor": "", "rows": rows}
     content = {"format": "guise-report", "output": "covered.mp4", "done": ["swapped", "covered", "left"]}
     report.write_text(json.dumps(content | {"tracks": [track], "bystanders": {"rows": nothing}}))
-    request = MeasureRequest(
-        folder / "original.mp4", [folder / "original.mp4", folder / "covered.mp4"],
-        recogniser=folder / "card.toml", reports=[report],
-    )  # fmt: skip
-    plain, told = measure(request).outputs
+    original, options = folder / "original.mp4", MeasureOptions((folder / "card.toml",), reports=(report,))
+    plain, told = measure(original, [original, folder / "covered.mp4"], options).outputs
     assert plain.privacy is not None
     assert told.privacy is not None
     assert plain.privacy.by_state == {}
@@ -293,7 +288,7 @@ def test_the_report_of_another_video_is_refused(folder: Path, tmp_path: Path) ->
     assert read_report(report).output == "elsewhere.mp4"
     outputs = [folder / "covered.mp4", folder / "original.mp4"]
     with pytest.raises(MeasureError, match="which is not among the outputs"):
-        measure(MeasureRequest(folder / "original.mp4", outputs, reports=[report]))
+        measure(folder / "original.mp4", outputs, MeasureOptions(reports=(report,)))
 
 
 def test_times_may_be_rounded_but_not_by_half_a_frame() -> None:
@@ -313,7 +308,7 @@ def test_pictures_of_a_folder_show_a_person_each(tmp_path: Path) -> None:
         with av.open(str(SAMPLES / person / "talk.mp4")) as reader:
             rgb = next(reader.decode(video=0)).to_ndarray(format="rgb24")
             save_picture(folder / f"{person}.png", rgb)
-    result = measure(MeasureRequest(folder, [folder], recogniser=recogniser(tmp_path)))
+    result = measure(folder, [folder], MeasureOptions((recogniser(tmp_path),)))
     assert result.faces == (1, 1)
     (figures,) = result.outputs
     assert figures.utility.found == 1

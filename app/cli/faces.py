@@ -27,8 +27,8 @@ from guise.app.cli.options import (
     landmark_source,
     takes,
 )
-from guise.app.drawing.look import FACE_HELP
 from guise.app.enrolment.options import TrainingChoices
+from guise.app.swapping import FACE_HELP
 
 Clips = Annotated[
     list[Path], typer.Argument(metavar="VIDEO...", help="Clips of one person, or one to nine photos.")

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from guise.app.cli.console import Console, Stages
-from guise.app.cli.options import Force, LandmarkerSpec, Shown, takes
-from guise.app.drawing.look import FACE_HELP
-
-if TYPE_CHECKING:
-    from guise.app.measure import MeasureRequest
-    from guise.app.measure.attack import AttackRequest
-
+from guise.app.cli.options import Force, Part, Shown, takes
+from guise.app.measure.options import MeasureOptions
 
 Original = Annotated[
     Path, typer.Argument(metavar="ORIGINAL", help="The original video; with --attack a folder of people.")
@@ -28,36 +23,6 @@ Attack = Annotated[
     typer.Option(
         "--attack",
         help="Attack folders of de-identified people: attackers that know other pictures of them, and learn.",
-    ),
-]
-Recognisers = Annotated[
-    list[Path] | None,
-    typer.Option(
-        metavar="CARD.toml",
-        help="A face recogniser; without it only utility is measured. With --attack it may be repeated.",
-    ),
-]
-Gallery = Annotated[
-    Path | None,
-    typer.Option(metavar="DIR", help="Other people: a picture, a video or a folder of them for each."),
-]
-Identities = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--identity", metavar="FACE", help=f"A face that the outputs show: {FACE_HELP}; may be repeated."
-    ),
-]
-Reports = Annotated[
-    list[Path] | None,
-    typer.Option(
-        metavar="NAME.report.json",
-        help="The report of an output by `guise deidentify`: what was done with each face.",
-    ),
-]
-Landmarks = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE", help="Landmarks of ORIGINAL (.npz, .json, .pts); default: found by the landmarker."
     ),
 ]
 Figures = Annotated[
@@ -75,42 +40,32 @@ def measure(
     original: Original,
     outputs: Outputs,
     attack: Attack = False,
-    recogniser: Recognisers = None,
-    gallery: Gallery = None,
-    identity: Identities = None,
-    report: Reports = None,
-    landmarks: Landmarks = None,
-    landmarker: LandmarkerSpec = None,
+    options: Annotated[MeasureOptions, Part(MeasureOptions)],
     output: Figures = None,
     plot: Plot = None,
     force: Force = False,
     console: Shown,
 ) -> None:
     """Measure how private and how useful a de-identified video is, against its original."""
-    from guise.app.measure import MeasureRequest
     from guise.common.files import require_free
 
     for path in filter(None, (output, plot)):
         require_free(path, force=force)
     if attack:
-        from guise.app.measure.attack import AttackRequest
-
         _refuse_beside_attack(
-            gallery=gallery, identity=identity, report=report, landmarks=landmarks, plot=plot
-        )
-        _attack(console, AttackRequest(original, outputs, recogniser or (), landmarker or "builtin"), output)
-        return
-    if recogniser and len(recogniser) > 1:
-        raise typer.BadParameter("several recognisers are compared with --attack only: give one --recogniser")
-    request = MeasureRequest(
-        original, outputs, landmarker or "builtin", landmarks, recogniser[0] if recogniser else None, gallery,
-        identity or (), report or (),
-    )  # fmt: skip
-    _measure(console, request, output, plot)
+            gallery=options.gallery, identity=options.identities, report=options.reports,
+            landmarks=options.landmarks, plot=plot,
+        )  # fmt: skip
+        _attack(console, original, outputs, options, output)
+    else:
+        _measure(console, original, outputs, options, output, plot)
 
 
-def _measure(console: Console, request: MeasureRequest, output: Path | None, plot: Path | None) -> None:
-    from guise.app.measure import measure
+def _measure(
+    console: Console, original: Path, outputs: list[Path], options: MeasureOptions, output: Path | None,
+    plot: Path | None,
+) -> None:  # fmt: skip
+    from guise.app.measure.job import measure
     from guise.app.measure.table import FIRST_HEADING, rows_of
 
     if plot is not None:
@@ -118,7 +73,7 @@ def _measure(console: Console, request: MeasureRequest, output: Path | None, plo
 
         require_plots(plot)
     with Stages(console) as stages:
-        result = measure(request, progress=stages, say=console.note)
+        result = measure(original, outputs, options, progress=stages, say=console.note)
     facts = result.as_json()
     _write(output, facts)
     if plot is not None:
@@ -136,8 +91,10 @@ def _refuse_beside_attack(**others: object) -> None:
         raise typer.BadParameter(f"--attack does not take --{given[0]}: leave one of them out")
 
 
-def _attack(console: Console, request: AttackRequest, output: Path | None) -> None:
-    from guise.app.measure.attack import attack
+def _attack(
+    console: Console, original: Path, outputs: list[Path], options: MeasureOptions, output: Path | None
+) -> None:
+    from guise.app.measure.attack import AttackRequest, attack
     from guise.app.measure.table import (
         RANK_HEADINGS,
         SIMILARITY_HEADINGS,
@@ -146,6 +103,7 @@ def _attack(console: Console, request: AttackRequest, output: Path | None) -> No
         worst_sentence,
     )
 
+    request = AttackRequest(original, outputs, options.recognisers, options.landmarker)
     with Stages(console) as stages:
         result = attack(request, progress=stages, say=console.note)
     facts = result.as_json()

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin,
 import typer
 
 from guise.app.cli.console import Console
-from guise.app.drawing.look import FACE_HELP
+from guise.app.swapping import FACE_HELP
 from guise.common.option import Option, option, options_of
 
 if TYPE_CHECKING:

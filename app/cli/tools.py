@@ -10,7 +10,7 @@ import typer
 from guise.app.cli.console import Stages
 from guise.app.cli.options import Force, Shown, takes
 from guise.app.cli.video import say_report
-from guise.app.drawing.look import FACE_HELP
+from guise.app.swapping import FACE_HELP
 
 Samples = Annotated[
     Path | None,

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from guise.app.drawing.look import FACE_HELP
+from guise.app.swapping import FACE_HELP
 from guise.common.errors import GuiseError
 from guise.common.option import option
 

@@ -73,12 +73,6 @@ PUPPET = Look("puppet", eyes="donor", mouth="donor")
 PAPER = Look("paper")
 LOOKS = {look.kind: look for look in (SWAP, LIVE, DISGUISE, PUPPET, PAPER)}
 
-
-FACE_HELP = (
-    "NAME.guise, a name of `guise people list`, or a fictional face: Luca, Amara, Mei, Walter, Kofi, Elena, Kenji, "
-    "Asha, Omar"
-)
-
 LookName = Literal["swap", "paper", "exact"]
 Owner = Literal["donor", "source"]
 

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from guise.app.drawing.look import FACE_HELP, LIVE, Look
+from guise.app.drawing.look import LIVE, Look
+from guise.app.swapping import FACE_HELP
 from guise.common.option import option
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ an attacker would who has the output alone, and the higher score counts.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,7 @@ from guise.app.measure.figures import (
     Utility,
     weighted_mean,
 )
+from guise.app.measure.options import MeasureOptions
 from guise.app.measure.pair import (
     BackgroundDifference,
     VideoTiming,
@@ -55,49 +56,29 @@ from guise.common.progress import NoteLog, Progress, Say, mute, silent
 from guise.common.threads import one_thread
 
 
-@dataclass(frozen=True)
-class MeasureRequest:
-    """What is to be measured.
-
-    Parameters
-    ----------
-    original, outputs : videos, images or folders of images; the outputs show the same frames.
-    landmarker : spec of the landmarker, "builtin" by default.
-    landmarks : file with those of the original, instead of the landmarker's.
-    recogniser : TOML card of a face recogniser; without one only utility is measured.
-    gallery : folder of other people.   donors : faces that the outputs show.
-    reports : of outputs, by `guise deidentify`.
-    """
-
-    original: Path
-    outputs: Sequence[Path]
-    landmarker: str = "builtin"
-    landmarks: Path | None = None
-    recogniser: Path | None = None
-    gallery: Path | None = None
-    donors: Sequence[str] = ()
-    reports: Sequence[Path] = field(default=())
-
-
-def measure(request: MeasureRequest, *, progress: Progress = silent, say: Say = mute) -> MeasureResult:
+def measure(
+    original: Path, outputs: Sequence[Path], options: MeasureOptions, *, progress: Progress = silent, say: Say = mute
+) -> MeasureResult:  # fmt: skip
     """Measure outputs against their original.
+
+    original, outputs : videos, images or folders of images; the outputs show the same frames.
 
     Raises
     ------
     MeasureError, RecogniserError, LandmarkError, MediaError, ModelError
         For a user's mistake.
     """
-    work = _Measurement(request, progress, say)
+    work = _Measurement(original, outputs, options, progress, say)
     with one_thread():
         return work.result()
 
 
-def _reports(request: MeasureRequest) -> dict[Path, ReportedFaces]:
+def _reports(paths: Sequence[Path], outputs: Sequence[Path]) -> dict[Path, ReportedFaces]:
     """The report of each output that has one."""
     found: dict[Path, ReportedFaces] = {}
-    for path in request.reports:
+    for path in paths:
         report = read_report(path)
-        own = [o for o in request.outputs if o.name == report.output] or list(request.outputs)
+        own = [o for o in outputs if o.name == report.output] or list(outputs)
         if len(own) != 1:
             raise MeasureError(f"{path} is the report of {report.output}, which is not among the outputs")
         found[own[0]] = report
@@ -105,19 +86,24 @@ def _reports(request: MeasureRequest) -> dict[Path, ReportedFaces]:
 
 
 class _Measurement:
-    """The work of a request, whose inputs are checked at once."""
+    """The work, whose inputs are checked at once."""
 
-    def __init__(self, request: MeasureRequest, progress: Progress, say: Say) -> None:
-        self._request, self._progress, self._say = request, progress, NoteLog(say)
-        self._recogniser = Recogniser(request.recogniser) if request.recogniser else None
-        if self._recogniser is None and (request.gallery or request.donors):
+    def __init__(
+        self, original: Path, outputs: Sequence[Path], options: MeasureOptions, progress: Progress, say: Say
+    ) -> None:
+        self._original, self._outputs, self._options = original, outputs, options
+        self._progress, self._say = progress, NoteLog(say)
+        if len(options.recognisers) > 1:
+            raise MeasureError("several recognisers are compared with --attack only: give one --recogniser")
+        self._recogniser = Recogniser(options.recognisers[0]) if options.recognisers else None
+        if self._recogniser is None and (options.gallery or options.identities):
             raise MeasureError(
                 "--gallery and --identity are compared by a face recogniser: give one with --recogniser"
             )
-        self._landmarker = open_landmarker(request.landmarker)
-        self._reports = _reports(request)
-        self._timing = VideoTiming.of(request.original)
-        self._timings = [VideoTiming.of(output) for output in request.outputs]
+        self._landmarker = open_landmarker(options.landmarker)
+        self._reports = _reports(options.reports, outputs)
+        self._timing = VideoTiming.of(original)
+        self._timings = [VideoTiming.of(output) for output in outputs]
         for one in self._timings:
             require_alike(self._timing, one)
         self._seconds = np.array([float(t - self._timing.times[0]) for t in self._timing.times])
@@ -137,7 +123,7 @@ class _Measurement:
             self._say("privacy is not measured without a face recogniser: give one with --recogniser")
         outputs = tuple(
             self._output(path, timing, people, matcher)
-            for path, timing in zip(self._request.outputs, self._timings, strict=True)
+            for path, timing in zip(self._outputs, self._timings, strict=True)
         )
         return MeasureResult(
             original=self._timing.name,
@@ -156,24 +142,24 @@ class _Measurement:
     def _faces(self) -> list[FaceTrack]:
         """The faces of the original."""
         total = len(self._timing.times)
-        if self._request.landmarks is not None:
-            return faces_of_file(self._request.landmarks, total)
-        with open_input(self._request.original) as media:
+        if self._options.landmarks is not None:
+            return faces_of_file(self._options.landmarks, total)
+        with open_input(self._original) as media:
             return faces_in(media, self._landmarker, lambda done: self._progress("faces", done / total))
 
     def _matcher(self, faces: list[FaceTrack], recogniser: Recogniser) -> FaceMatcher:
         """Enrol the people of the original and of the gallery."""
-        folder = self._request.gallery
+        folder = self._options.gallery
         known = open_gallery(folder, self._landmarker, recogniser, self._say) if folder else []
         gallery = Gallery.of(known)
-        with open_input(self._request.original) as media:
+        with open_input(self._original) as media:
             embeddings = embeddings_in(media, faces, recogniser)
         groups = group_people(faces, embeddings, gallery.usable_limit)
         own = [_joined_face(group, faces, embeddings) for group in groups]
         for _, rows in own:
             gallery = gallery.without(template(_finite(rows)), self._say)
         matcher = FaceMatcher(
-            recogniser, gallery, own, _donors(self._request, self._reports, recogniser, self._say)
+            recogniser, gallery, own, _donors(self._options.identities, self._reports, recogniser, self._say)
         )
         if gallery.limit is None:
             self._say(
@@ -215,7 +201,7 @@ class _Measurement:
         at, untouched = FacesByFrame(faces), BackgroundDifference()
         before, after = FaceTrackBuilder(), FaceTrackBuilder()
         locate, total = FaceLocator(self._landmarker, video=self._timing.video), len(self._timing.times)
-        for own, other in side_by_side(self._request.original, path):
+        for own, other in side_by_side(self._original, path):
             known = at[own.index]
             places = dict(known)
             for number, points in matched(known, locate(other)):
@@ -228,7 +214,7 @@ class _Measurement:
     def _files(self, path: Path, timing: VideoTiming, psnr: float) -> FileChecks:
         own, other = self._timing.times, timing.times
         apart = max(abs((b - other[0]) - (a - own[0])) for a, b in zip(own, other, strict=True))
-        return FileChecks(own == other, float(apart), compare_sounds(self._request.original, path), psnr)
+        return FileChecks(own == other, float(apart), compare_sounds(self._original, path), psnr)
 
     def _plot_curves(
         self, faces: Sequence[FaceTrack], pairs: list[tuple[F32, FaceTrack]], scores: list[MatchScores],
@@ -397,10 +383,10 @@ def _joined_face(group: list[int], faces: list[FaceTrack], embeddings: list[F32]
 
 
 def _donors(
-    request: MeasureRequest, reports: dict[Path, ReportedFaces], recogniser: Recogniser, say: Say
+    faces: Sequence[str], reports: dict[Path, ReportedFaces], recogniser: Recogniser, say: Say
 ) -> list[Subject]:
     """The donors that were named, and those of the reports."""
-    specs = dict.fromkeys([*request.donors, *(d for report in reports.values() for d in report.donors)])
+    specs = dict.fromkeys([*faces, *(d for report in reports.values() for d in report.donors)])
     known = []
     for spec in specs:
         still = open_face(spec).rest_frame

@@ -1,0 +1,45 @@
+"""What is measured, as a user says it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from guise.app.swapping import FACE_HELP
+from guise.common.option import option
+
+
+@dataclass(frozen=True)
+class MeasureOptions:
+    """What outputs are measured with, beside their original.
+
+    landmarker : see `guise.aam.landmarks.open_landmarker`.
+    """
+
+    recognisers: tuple[Path, ...] = option(
+        (),
+        "A face recogniser; without it only utility is measured. With --attack it may be repeated.",
+        name="--recogniser",
+        metavar="CARD.toml",
+    )
+    gallery: Path | None = option(
+        None, "Other people: a picture, a video or a folder of them for each.", metavar="DIR"
+    )
+    identities: tuple[str, ...] = option(
+        (),
+        f"A face that the outputs show: {FACE_HELP}; may be repeated.",
+        name="--identity",
+        metavar="FACE",
+    )
+    reports: tuple[Path, ...] = option(
+        (),
+        "The report of an output by `guise deidentify`: what was done with each face.",
+        name="--report",
+        metavar="NAME.report.json",
+    )
+    landmarks: Path | None = option(
+        None,
+        "Landmarks of ORIGINAL (.npz, .json, .pts); default: found by the landmarker.",
+        metavar="FILE",
+    )
+    landmarker: str = option("builtin", "Landmarker: builtin or CARD.toml[@DETECTOR].", metavar="SPEC")
