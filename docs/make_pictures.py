@@ -1,14 +1,13 @@
-"""Make the pictures of the pages from the sample clips and heads: docs/images/*.jpg and *.webp.
+"""Make all pictures of the pages (docs/images) from the sample clips and heads, and the models that ship with Guise.
 
-python docs/make_pictures.py [swap|heads|photos|studio ...]   (all by default; studio needs Chromium)
-
-docs/images/gallery.jpg is made with the gallery, by training/make_gallery.py.
+python docs/make_pictures.py [swap|heads|photos|gallery|studio ...]   (all by default; studio needs Chromium)
 """
 
 from __future__ import annotations
 
 import argparse
 import tempfile
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -34,16 +33,16 @@ from guise.app.meshes.registering import register_files
 from guise.app.meshes.transferring import draw_report_picture
 from guise.app.people.montage import montage
 from guise.app.photos.image import analogy_image
-from guise.app.swapping.puppet import puppet_file
+from guise.app.swapping.donors import gallery, open_donor
 from guise.app.swapping.report import SwapSettings
 from guise.app.tools.demo import FACE, HEAD, run_demo
 from guise.common.progress import silent
 
 ROOT = Path(__file__).parents[1]
 SAMPLES, IMAGES = ROOT / "sample_videos", ROOT / "docs" / "images"
-FRAMES = (51, 77, 153)  # of the clip talk2: different mouths and head turns
 FICTIONAL = "p07"  # of the gallery
 WIDTH = 280  # pixels, of a frame
+PORTRAIT_PIXELS = 160  # side
 HEADS = SAMPLES / "heads"
 SHOWN = ("anger", "open", "pucker", "smile", "surprise")  # morph targets of the mean head
 MESH_WIDTH = 1400  # pixels, of the widest picture of heads
@@ -56,24 +55,14 @@ ANALOGIES = (
 STRETCH = range(40, 172, 2)  # frames of talk2 in the moving picture, at half their rate
 FPS, STUDIO_FPS = 15.0, 10.0
 QUALITY = 70  # of WebP, 0..100
+CLOCK_SECONDS = 1.0  # by which times of files may lie behind the clock
 HEAD_AND_SHOULDERS = np.s_[20:420, 140:500]  # of a frame
 
 
-def frames(video: Path) -> list[Picture]:
-    """The chosen frames of a video, small."""
-    with open_input(video) as source:
-        chosen = [frame.rgb() for frame in source if frame.index in FRAMES]
-    return [np.asarray(cv2.resize(p, size(p), interpolation=cv2.INTER_AREA), np.uint8) for p in chosen]
-
-
-def size(picture: Picture) -> tuple[int, int]:
-    """Width and height of a small picture."""
-    return WIDTH, round(picture.shape[0] * WIDTH / picture.shape[1])
-
-
-def captioned(pictures: Sequence[Picture], text: str) -> list[Picture]:
-    """The pictures with one caption under each."""
-    return [labelled(picture, text) for picture in pictures]
+def small(picture: Picture, width: int = WIDTH) -> Picture:
+    """The picture at a smaller width."""
+    size = width, round(picture.shape[0] * width / picture.shape[1])
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def analogies(folder: Path) -> list[list[Picture]]:
@@ -86,8 +75,7 @@ def analogies(folder: Path) -> list[list[Picture]]:
                 picture = next(frame.rgb() for frame in source if frame.index == index)
             save_picture(file, picture[HEAD_AND_SHOULDERS])
         analogy_image(*files)
-        row = [read_deep(file).rgb8() for file in files]
-        rows.append([np.asarray(cv2.resize(p, size(p), interpolation=cv2.INTER_AREA), np.uint8) for p in row])
+        rows.append([small(read_deep(file).rgb8()) for file in files])
     names = ["S, at rest", "S', with an expression", "T, at rest", "guise analogy image: T'"]
     return [[labelled(p, name) for p, name in zip(row, names, strict=True)] for row in rows]
 
@@ -105,9 +93,7 @@ def heads(folder: Path) -> None:
     preview_files(source, HEADS / "mean_smile.obj", folder / "mesh-preview.png", _work(None))
     for path in sorted(folder.glob("mesh*.png")):
         picture = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
-        width = min(MESH_WIDTH, picture.shape[1])
-        small = width, round(picture.shape[0] * width / picture.shape[1])
-        shrunk = np.asarray(cv2.resize(picture, small, interpolation=cv2.INTER_AREA), np.uint8)
+        shrunk = small(np.asarray(picture, np.uint8), min(MESH_WIDTH, picture.shape[1]))
         save_picture(IMAGES / f"{path.stem}.jpg", shrunk)
 
 
@@ -116,29 +102,17 @@ def _work(picture: Path | None) -> RunContext:
 
 
 def swaps(folder: Path) -> None:
-    """The pictures of swap, puppet and deidentify, and of a model."""
+    """The moving picture of swap and deidentify, and the picture of a model."""
     report = run_demo(SAMPLES, folder / "demo", SwapSettings(say=print))
-    head, face = (Identity.load(folder / "demo" / f"{name}.guise") for name in (HEAD, FACE))
-    clip, puppet = SAMPLES / HEAD / "talk2.mp4", folder / "puppet.mp4"
-    private, whole = folder / "private.mp4", folder / "whole.mp4"
-    puppet_file(clip, face, puppet, source=head)
+    clip, private, whole = SAMPLES / HEAD / "talk2.mp4", folder / "private.mp4", folder / "whole.mp4"
     regions: tuple[tuple[Path, Region], ...] = ((private, "face"), (whole, "head"))
     for video, region in regions:
         deidentify_file(
             clip, video, DeidentifyOptions(donor=FICTIONAL, region=region), open_engine("local", 1),
             progress=lambda stage, share: None, say=print,
         )  # fmt: skip
-    swapped = Path(report.swap.output)
-    rows = [
-        captioned(frames(clip), "the video"),
-        captioned(frames(swapped), "guise swap: another face"),
-        captioned(frames(puppet), "guise puppet: another head"),
-        captioned(frames(private), "guise deidentify: a fictional face"),
-        captioned(frames(whole), "guise deidentify --region head: a fictional head"),
-    ]
-    save_picture(IMAGES / "swap.jpg", sheet(rows))
-    save_picture(IMAGES / "model.jpg", montage(face, modes=4))
-    save_moving(IMAGES / "swap.webp", moving((clip, swapped, private, whole)), FPS)
+    save_moving(IMAGES / "swap.webp", moving((clip, Path(report.swap.output), private, whole)), FPS)
+    save_picture(IMAGES / "model.jpg", montage(Identity.load(folder / "demo" / f"{FACE}.guise"), modes=4))
 
 
 def moving(videos: Sequence[Path]) -> list[Picture]:
@@ -146,10 +120,9 @@ def moving(videos: Sequence[Path]) -> list[Picture]:
     strips = []
     for video in videos:
         with open_input(video) as media:
-            shown = [frame.rgb()[HEAD_AND_SHOULDERS] for frame in media if frame.index in STRETCH]
-        strips.append(
-            [np.asarray(cv2.resize(p, size(p), interpolation=cv2.INTER_AREA), np.uint8) for p in shown]
-        )
+            strips.append(
+                [small(frame.rgb()[HEAD_AND_SHOULDERS]) for frame in media if frame.index in STRETCH]
+            )
     return [np.concatenate(pictures, axis=1) for pictures in zip(*strips, strict=True)]
 
 
@@ -166,6 +139,22 @@ def photos(folder: Path) -> None:
     save_picture(IMAGES / "photo-analogy.jpg", sheet(analogies(folder)))
 
 
+def portraits(folder: Path) -> None:
+    """The picture of the donors that ship with Guise."""
+    faces = [portrait(open_donor(name)) for name in gallery()]
+    save_picture(IMAGES / "gallery.jpg", np.concatenate(faces, axis=1))
+
+
+def portrait(person: Identity) -> Picture:
+    """The rest frame (PORTRAIT_PIXELS, PORTRAIT_PIXELS, 3), cropped around the face."""
+    picture, shape = person.rest_frame.picture, person.rest_frame.shape
+    centre, reach = shape.mean(0), 0.75 * np.ptp(shape[:, 1])
+    x0, y0 = np.maximum(np.floor(centre - reach).astype(int), 0)
+    x1, y1 = np.ceil(centre + reach).astype(int)
+    side = (PORTRAIT_PIXELS, PORTRAIT_PIXELS)
+    return np.asarray(cv2.resize(picture[y0:y1, x0:x1], side, interpolation=cv2.INTER_AREA), np.uint8)
+
+
 def studio(folder: Path) -> None:
     """The moving picture of the studio."""
     from studio_picture import film_studio
@@ -176,12 +165,26 @@ def studio(folder: Path) -> None:
     save_moving(IMAGES / "studio.webp", shots, STUDIO_FPS)
 
 
-PICTURES: dict[str, Callable[[Path], None]] = {
-    "swap": swaps,
-    "heads": heads,
-    "photos": photos,
-    "studio": studio,
+# What makes which files of docs/images.
+PICTURES: dict[str, tuple[Callable[[Path], None], tuple[str, ...]]] = {
+    "swap": (swaps, ("swap.webp", "model.jpg")),
+    "heads": (heads, ("mesh.jpg", "mesh-chessboard.jpg", "mesh-landmarks.jpg", "mesh-preview.jpg")),
+    "photos": (photos, ("photo-analogy.jpg",)),
+    "gallery": (portraits, ("gallery.jpg",)),
+    "studio": (studio, ("studio.webp",)),
 }
+
+
+def make(name: str) -> None:
+    """Make the pictures of a name.  RuntimeError when one of its files was not written."""
+    maker, files = PICTURES[name]
+    start = time.time()
+    with tempfile.TemporaryDirectory() as folder:
+        maker(Path(folder))
+    for picture in (IMAGES / file for file in files):
+        if not picture.exists() or picture.stat().st_mtime < start - CLOCK_SECONDS:
+            raise RuntimeError(f"{name} did not make {picture.relative_to(ROOT)}")
+        print(picture.relative_to(ROOT), picture.stat().st_size, "bytes", flush=True)
 
 
 def main() -> None:
@@ -193,10 +196,7 @@ def main() -> None:
         parser.error(f"names must be of {', '.join(PICTURES)}, got {', '.join(sorted(unknown))}")
     IMAGES.mkdir(exist_ok=True)
     for name in names:
-        with tempfile.TemporaryDirectory() as folder:
-            PICTURES[name](Path(folder))
-    for picture in sorted(IMAGES.iterdir()):
-        print(picture.relative_to(ROOT), picture.stat().st_size, "bytes")
+        make(name)
 
 
 if __name__ == "__main__":

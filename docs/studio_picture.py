@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from urllib.parse import urljoin
 
 import av
 import cv2
@@ -27,9 +28,9 @@ from guise.app.media.pictures import Picture
 from guise.app.studio.store import Store
 
 VIEW = {"width": 1000, "height": 820}  # CSS pixels
-FACES = ("Kenji (fictional)", "Mei (fictional)")
+PERSON, FACES = "Robin", ("Kenji (fictional)", "Mei (fictional)")
 SECONDS_PER_FACE = 2.5
-SETTLING_SECONDS = 3.0  # until the connection's bit rate is high enough
+SETTLING_SECONDS = 3.0  # until the face is shown, and the bit rate of the connection is high enough
 START_TIMEOUT_SECONDS = 60.0
 
 
@@ -39,24 +40,31 @@ def film_studio(folder: Path, model: Path, camera: Path, fps: float) -> list[Pic
     folder : for the studio's files.   camera : the clip that the browser's camera shows.
     """
     store = Store(folder / "studio")
-    shutil.copy(model, store.add_person("Robin", None).path)
+    shutil.copy(model, store.add_person(PERSON, None).path)
     store.close()
     with (
         _studio(folder / "studio") as address,
         _browser(_camera_file(camera, folder / "camera.mjpeg")) as page,
     ):
         page.goto(address)
-        _choose(page, FACES[0])
-        page.get_by_role("button", name="Start").click()
-        _wait(page, lambda: page.get_by_role("status").first.inner_text() == "")
+        page.goto(urljoin(address, "/live"))
+        return film_live(page, fps)
+
+
+def film_live(page: Any, fps: float) -> list[Picture]:
+    """Pictures of the page Live, which is open in a studio that knows PERSON, with one of FACES after the other."""
+    page.get_by_role("combobox", name="Who is at the camera", exact=True).click()
+    page.get_by_role("option", name=PERSON).click()
+    _choose(page, FACES[0])
+    page.get_by_role("button", name="Start").click()
+    _wait(page, lambda: page.get_by_role("status").first.inner_text() == "")
+    shots: list[Picture] = []
+    for face in FACES:
+        _choose(page, face)
+        page.evaluate("window.scrollTo(0, 0)")
         page.wait_for_timeout(1000 * SETTLING_SECONDS)
-        shots: list[Picture] = []
-        for face in FACES:
-            _choose(page, face)
-            page.evaluate("window.scrollTo(0, 0)")
-            page.wait_for_timeout(500)  # until the list has closed
-            shots += _film(page, SECONDS_PER_FACE, fps)
-        return shots
+        shots += _film(page, SECONDS_PER_FACE, fps)
+    return shots
 
 
 def _film(page: Any, seconds: float, fps: float) -> list[Picture]:
@@ -84,8 +92,7 @@ def _decoded(jpeg: str) -> Picture:
 
 
 def _choose(page: Any, face: str) -> None:
-    page.get_by_role("combobox", name="Face to show", exact=True).click()
-    page.get_by_role("option", name=face).click()
+    page.get_by_role("group", name="Face to show").get_by_role("button", name=face).click()
 
 
 def _wait(page: Any, condition: Callable[[], bool]) -> None:

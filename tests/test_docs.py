@@ -58,8 +58,9 @@ def command_lines() -> list[str]:
     return sorted(set(found))
 
 
-def make_cli() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("make_cli", ROOT / "docs" / "make_cli.py")
+def script(name: str) -> ModuleType:
+    """A script that lies beside the pages."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -128,12 +129,20 @@ def test_pages_do_not_speak_of_places_on_one_computer(page: Path) -> None:
     assert not re.search(r"(?<![\w.])/(home|root|work|tmp|Users)/", page.read_text(encoding="utf-8"))
 
 
+def test_one_command_makes_every_picture_and_each_is_on_a_page() -> None:
+    made = [file for _, files in script("make_pictures").PICTURES.values() for file in files]
+    shown = {
+        name for page in PAGES for name in re.findall(r"images/([\w.-]+)\)", page.read_text(encoding="utf-8"))
+    }
+    assert sorted(made) == sorted(shown) == sorted(path.name for path in (ROOT / "docs" / "images").iterdir())
+
+
 def test_the_page_of_commands_is_up_to_date() -> None:
-    assert (ROOT / "docs" / "cli.md").read_text(encoding="utf-8") == make_cli().page()
+    assert (ROOT / "docs" / "cli.md").read_text(encoding="utf-8") == script("make_cli").page()
 
 
 def test_the_page_of_commands_names_every_option() -> None:
-    text = make_cli().page()
+    text = script("make_cli").page()
     for name, command in every_command().items():
         section = text.split(f"\n## {name}\n")[1].split("\n## ")[0]
         for param in command.params:

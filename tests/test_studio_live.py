@@ -4,6 +4,7 @@ import base64
 import os
 import re
 import shutil
+import sys
 import time
 from collections.abc import Callable, Iterator
 from fractions import Fraction
@@ -19,6 +20,8 @@ from made_up import SAMPLES
 
 pytest.importorskip("nicegui")
 pytest.importorskip("playwright")
+sys.path.append(str(Path(__file__).parents[1] / "docs"))  # scripts of the checkout
+import studio_picture
 from studio_browser import StudioServer, browser, browser_arguments, camera_file, studio, visit  # noqa: F401
 
 from guise.aam.landmarks.schemes import INNER51, LOWER_LIP_INNER, UPPER_LIP_INNER
@@ -404,6 +407,21 @@ def test_a_computer_without_a_camera_is_one_sentence(chrome: Any, server: Studio
         page.get_by_role("button", name="Start").click()
         page.get_by_text("the computer's camera cannot be opened").wait_for(timeout=TIMEOUT_MS)
         page.get_by_role("button", name="Start").wait_for(timeout=TIMEOUT_MS)
+
+
+def test_the_moving_picture_of_the_readme_can_be_filmed(
+    chrome: Any, server: StudioServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(studio_picture, "SECONDS_PER_FACE", 1.0)
+    with visit(chrome, server, "/live", viewport=studio_picture.VIEW) as page:
+        shots = studio_picture.film_live(page, fps=5.0)
+        pressed = page.get_by_role("group", name="Face to show").locator("[aria-pressed=true]")
+        assert pressed.get_attribute("aria-label") == studio_picture.FACES[-1]
+        result = page.get_by_label("The result", exact=True).bounding_box()
+    assert len(shots) == 5 * len(studio_picture.FACES)
+    x, y, width, height = (int(result[side]) for side in ("x", "y", "width", "height"))
+    one, other = (shot[y : y + height, x : x + width].astype(float) for shot in (shots[4], shots[-1]))
+    assert np.abs(one - other).mean() > 0.5  # the camera shows one frame all the time: the face has changed
 
 
 def test_on_a_phone_the_pictures_are_stacked_and_nothing_is_cut_off(

@@ -16,7 +16,6 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from guise.aam.appearance import SHAPE_ENTRIES
@@ -32,12 +31,11 @@ from guise.aam.reference import ReferenceFrame
 from guise.aam.training import TrainingOptions
 from guise.app.enrolment.enrol import enrol
 from guise.app.enrolment.landmark_source import LandmarkSource
-from guise.common.arrays import F32, U8
+from guise.common.arrays import F32
 from guise.common.version import VERSION
 
 ROOT = Path(__file__).parents[1]
-GALLERY, PICTURE = ROOT / "app" / "gallery", ROOT / "docs" / "images" / "gallery.jpg"
-PORTRAIT_PIXELS = 160  # side
+GALLERY = ROOT / "app" / "gallery"
 OPTIONS = TrainingOptions(max_modes=7)
 TAKE = "talk.mp4"
 MAX_WHITE_GREY_LEVELS = 0.0  # above the skin, from which eyes are darkened ..
@@ -65,34 +63,19 @@ def with_darkened_eyes(texture: F32, reference: ReferenceFrame) -> F32:
     return np.asarray(texture * ratio[:, None], np.float32)
 
 
-def portrait(person: Identity) -> U8:
-    """The rest frame (PORTRAIT_PIXELS, PORTRAIT_PIXELS, 3), cropped around the face."""
-    picture, shape = person.rest_frame.picture, person.rest_frame.shape
-    centre, reach = shape.mean(0), 0.75 * np.ptp(shape[:, 1])
-    x0, y0 = np.maximum(np.floor(centre - reach).astype(int), 0)
-    x1, y1 = np.ceil(centre + reach).astype(int)
-    return np.asarray(
-        cv2.resize(picture[y0:y1, x0:x1], (PORTRAIT_PIXELS, PORTRAIT_PIXELS), interpolation=cv2.INTER_AREA),
-        np.uint8,
-    )
-
-
 def main() -> None:
-    """Write the gallery and its picture."""
+    """Write the gallery."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--people", type=Path, required=True, help="folder of the people's clips")
     parser.add_argument("--out", type=Path, default=GALLERY)
     options = parser.parse_args()
     options.out.mkdir(exist_ok=True)
-    portraits = []
     for folder in sorted(options.people.glob("p*")):
         person = donor(folder)
-        portraits.append(portrait(person))
         print(
             person.name,
             f"{person.for_display().save(options.out / f'{person.name}.guise', compact=True) / 1e6:.2f} MB",
         )
-    cv2.imwrite(str(PICTURE), np.hstack(portraits)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])
 
 
 if __name__ == "__main__":
