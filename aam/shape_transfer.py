@@ -96,7 +96,7 @@ class ShapeTransfer:
         seen, own, target = self._seen(shape, pose)
         made = seen + target - own
         if self._learned:
-            made[FEATURES] += self._reference.resolution * placement()(self._inputs(seen, own, target))
+            made[FEATURES] += self._reference.resolution * self._corrections(seen, own, target)
         opening = _gaps(seen, UPPER_LIDS, LOWER_LIDS) / _divisor(_gaps(own, UPPER_LIDS, LOWER_LIDS))
         opening = np.minimum(np.maximum(opening, 0), MAX_LID_RATIO)
         lids = opening[:, None] * (target[LOWER_LIDS] - target[UPPER_LIDS])
@@ -108,6 +108,14 @@ class ShapeTransfer:
     def at_rest(self, shape: F64, pose: HeadPose) -> F64:
         """The target's shape (81, 2) at rest, anywhere on the grid, as it is seen where a tracked one (81, 2) lies."""
         return np.asarray(self.solid @ (pose.linear @ self._reference.to_grid(shape).linear))
+
+    def _corrections(self, seen: F64, own: F64, target: F64) -> F64:
+        """(features, 2) face widths; of brows as at rest, as the network takes a part of their way for an error."""
+        inputs = self._inputs(seen, own, target)
+        at_rest = np.array([np.zeros_like(inputs[0]), inputs[1]])
+        moved, still = placement()(np.array([inputs, at_rest]))
+        moved[: len(BROWS)] = still[: len(BROWS)]
+        return np.asarray(moved)
 
     def inputs(self, shape: F64, pose: HeadPose) -> F64:
         """(2, 81, 2) what `Placement` sees, face widths: the source's movement, and how the target differs at rest.
@@ -140,14 +148,14 @@ class Placement:
         self._layers = [(arrays[f"weight_{i}"], arrays[f"bias_{i}"]) for i in range(len(arrays) // 2 - 1)]
 
     def __call__(self, inputs: F64) -> F64:
-        """(features, 2) in face widths for inputs (2, 81, 2) of `ShapeTransfer`; more than usual counts as usual."""
-        values = (inputs.ravel() - self._centre) / self._scale
+        """(.., features, 2) in face widths for inputs (.., 2, 81, 2) of `ShapeTransfer`; more than usual is cut."""
+        values = (inputs.reshape(*inputs.shape[:-3], -1) - self._centre) / self._scale
         values = np.minimum(np.maximum(values, -MAX_INPUT), MAX_INPUT)
         for number, (weight, bias) in enumerate(self._layers):
             if number:
                 values = values / (1 + np.exp(-values))
             values = values @ weight + bias
-        return np.asarray(values, np.float64).reshape(-1, 2)
+        return np.asarray(values, np.float64).reshape(*inputs.shape[:-3], -1, 2)
 
 
 @cache

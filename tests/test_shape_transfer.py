@@ -68,6 +68,17 @@ def test_the_network_keeps_its_corrections_small_whatever_it_sees() -> None:
         assert np.abs(placement()(inputs)).max() < 0.2
 
 
+def test_brows_go_as_far_as_the_heads() -> None:
+    """What the network corrects of them is where they lie at rest, not how far they go."""
+    transfer, way = transfer_of(SOURCE, TARGET, FRAME), np.array([0.0, -0.05 * FRAME.resolution])
+    shape = straight(transfer.source.rest)
+    raised = shape.copy()
+    raised[BROWS] += way
+    seen = [FRAME.to_grid(one).apply(one) for one in (shape, raised)]
+    gone = transfer.apply(raised, STRAIGHT) - transfer.apply(shape, STRAIGHT)
+    assert_allclose(gone[BROWS], (seen[1] - seen[0])[BROWS], atol=1e-3 * FRAME.resolution)
+
+
 def test_who_gets_their_own_face_is_hardly_corrected() -> None:
     transfer = transfer_of(SOURCE, SOURCE, FRAME)
     away = carried(transfer, posed(SOURCE)) - FRAME.align(SOURCE)
