@@ -11,6 +11,7 @@ Pixels, x right, y down; lengths in distances between the middles of the eyes.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import cv2
@@ -126,7 +127,7 @@ class RimFinder:
             self._learn(memory, reward, now, since)
         if memory.lines is not None:
             for eye in (RIGHT_EYE, LEFT_EYE):
-                contrast[self._about(shape[eye], LIMITS.lash_growth, memory.to_crop)] = 0
+                contrast[self.about(shape[eye], LIMITS.lash_growth, memory.to_crop)] = 0
             memory.share = self._drawn(memory.lines, contrast)
 
     def _learn(self, memory: RimMemory, reward: F32, now: float, since: float) -> None:
@@ -142,6 +143,25 @@ class RimFinder:
         memory.searches += 1
         pause = min((memory.searches + 1) * LIMITS.pause_seconds, LIMITS.max_pause_seconds)
         memory.due = now + pause - LIMITS.pause_seconds / 10
+
+    @property
+    def pixels(self) -> int:
+        """Of the crop, between the middles of the eyes."""
+        return LIMITS.pixels
+
+    def cut(self, luma: U8, to_crop: F64) -> F32:
+        """The crop (h, w) of a picture (h, w)."""
+        return np.asarray(_cut(luma, to_crop, self._size), np.float32)
+
+    def parsed(self, parsing: FaceParsing, kinds: Sequence[FaceClass], to_crop: F64) -> F32:
+        """(h, w, k) shares of kinds in the crop."""
+        width, height = self._size
+        step = 2  # the parsing's cells are larger by far
+        xs, ys = np.meshgrid(np.arange(0, width, step), np.arange(0, height, step))
+        back = cv2.invertAffineTransform(to_crop)
+        places = np.column_stack([xs.ravel(), ys.ravel()]) @ back[:, :2].T + back[:, 2]
+        shares = parsing.at(places.astype(np.float32), np.dstack([parsing.shares[kind] for kind in kinds]))
+        return np.asarray(cv2.resize(shares.reshape(*xs.shape, len(kinds)), (width, height)), np.float32)
 
     def _crop_of(self, shape: F64) -> F64:
         """Map (2, 3) from the picture to the crop."""
@@ -160,14 +180,8 @@ class RimFinder:
 
     def _looks_like_rim(self, contrast: F32, shape: F64, parsing: FaceParsing, to_crop: F64) -> F32:
         """(h, w) reward of a line that passes there."""
-        height, width = contrast.shape
-        step = 2  # the parsing's cells are larger by far
-        xs, ys = np.meshgrid(np.arange(0, width, step), np.arange(0, height, step))
-        back = cv2.invertAffineTransform(to_crop)
-        places = np.column_stack([xs.ravel(), ys.ravel()]) @ back[:, :2].T + back[:, 2]
         kinds = FaceClass.BROWS, FaceClass.HAIR, FaceClass.GLASSES
-        shares = parsing.at(places.astype(np.float32), np.dstack([parsing.shares[kind] for kind in kinds]))
-        shares = np.asarray(cv2.resize(shares.reshape(*xs.shape, 3), (width, height)), np.float32)
+        shares = self.parsed(parsing, kinds, to_crop)
         bare = np.clip(1 - 2 * shares[..., :2], 0, 1).prod(2)
         lines = np.minimum(contrast, LIMITS.usual_contrast) * bare
         for part, growth in (
@@ -175,12 +189,12 @@ class RimFinder:
             (LEFT_EYE, LIMITS.eye_growth),
             ([NOSE_TIP, *NOSE_WINGS], LIMITS.nose_growth),
         ):
-            lines[self._about(shape[part], growth, to_crop)] = 0
+            lines[self.about(shape[part], growth, to_crop)] = 0
         return np.asarray(
             np.sqrt(lines) / 2 + LIMITS.glasses_weight * np.minimum(shares[..., 2], 0.5), np.float32
         )
 
-    def _about(self, points: F64, growth: float, to_crop: F64) -> Bool:
+    def about(self, points: F64, growth: float, to_crop: F64) -> Bool:
         """(h, w) places of the crop in the hull of points (n, 2) of the picture, grown."""
         there = points @ to_crop[:, :2].T + to_crop[:, 2]
         hull = np.zeros(self._size[::-1], np.uint8)

@@ -33,7 +33,7 @@ An option means the same in every command:
 | `--source SRC` | the person in the video or at the camera: their model, or a name of `guise people list` |
 | `--input`, or the first argument | what is read: a file, a folder, a stream |
 | `--map SOURCE=FACE` | both, for each of several people |
-| `--look`, `--eyes`, `--mouth`, `--alpha`, `--outline` | how the face is drawn |
+| `--look`, `--eyes`, `--mouth`, `--glasses`, `--alpha`, `--outline` | how the face is drawn |
 | `--cover` | how a face is covered that is not swapped |
 | `--landmarks`, `--landmarker`, `--detector` | where points and boxes of faces come from |
 | `--encoder`, `--crf`, `--preset`, `--lossless` | how a video is written |

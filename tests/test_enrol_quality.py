@@ -91,7 +91,7 @@ def test_glasses_are_named(p01: Identity, points: np.ndarray) -> None:
     rest = p01.rest_frame
     worn = replace(p01, rest_frame=replace(rest, picture=with_glasses(rest.picture, rest.shape)))
     assert weaknesses(points, worn) == [
-        "the person wears glasses, which leave traces in the face: take them off"
+        "the person wears glasses, of which traces stay in the face: take them off, or swap with --glasses keep"
     ]
 
 

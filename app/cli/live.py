@@ -52,7 +52,9 @@ def live(
     size: Size = "1280x720",
     settings: Annotated[LiveSettings, Part(LiveSettings)],
     mirror: Mirror = None,
-    drawing: Annotated[DrawingChoices, Part(LIVE_CHOICES, ("look", "alpha", "eyes", "mouth", "renderer"))],
+    drawing: Annotated[
+        DrawingChoices, Part(LIVE_CHOICES, ("look", "alpha", "eyes", "mouth", "glasses", "renderer"))
+    ],
     encoding: Annotated[Recording, Part(Recording, ("encoder", "crf", "preset"))],
     console: Shown,
 ) -> None:

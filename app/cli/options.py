@@ -143,7 +143,7 @@ def look_of(choices: DrawingChoices, usual: Look) -> Look:
     look = usual if choices.look == "swap" else replace(PAPER, exact=choices.look == "exact")
     return replace(
         look, alpha=choices.alpha, renderer=choices.renderer, eyes=choices.eyes, mouth=choices.mouth,
-        outline=choices.outline,
+        glasses=choices.glasses, outline=choices.outline,
     )  # fmt: skip
 
 

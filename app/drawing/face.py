@@ -105,11 +105,11 @@ class Canvas:
 class Layers:
     """How far each kind of thing hides the cells (64, 64, k) of a parsed frame."""
 
-    parsing: FaceParsing
+    parsing: Parsing
     hidden: F32
 
     @classmethod
-    def of(cls, parsing: FaceParsing, kinds: Sequence[tuple[FaceClass, tuple[float, float]]]) -> Layers:
+    def of(cls, parsing: Parsing, kinds: Sequence[tuple[FaceClass, tuple[float, float]]]) -> Layers:
         """Of kinds, each a class and the shares of it that hide nothing and all."""
         maps = cv2.merge([ramp(parsing.shares[kind], ends) for kind, ends in kinds])
         return cls(parsing, np.asarray(maps, np.float32).reshape(*parsing.shares.shape[1:], len(kinds)))

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from guise.render.compositor import Renderer
 
 Whose = Literal["source", "donor", "painted"]
+Glasses = Literal["off", "keep"]
 InFront = Literal["all", "objects"]
 Kind = Literal["swap", "live", "disguise", "puppet", "paper"]
 
@@ -30,6 +31,7 @@ class Look:
     in_front : what stays in front of the drawn face: "all" that is in front of the person's, hair and glasses too;
         "objects", only those that reach in from beyond the face, so that no part of it shows by mistake.  The looks
         "paper" and "puppet" draw over all.
+    glasses : whether those of a donor who wears some come along, over who wears none.  The donor's face is the same.
     outline : share in [0, 1] by which the head's jaw line goes to the face's own, with a little of what is beside it.
     jaw, forehead : face widths by which the face is drawn beyond the head's outline, the forehead most in the
         middle, to hide the rim of the face as well.
@@ -46,6 +48,7 @@ class Look:
     eyes: Whose = "source"
     mouth: Whose = "source"
     in_front: InFront = "all"
+    glasses: Glasses = "off"
     outline: float = 0.0
     jaw: float = 0.0
     forehead: float = 0.0
@@ -99,6 +102,11 @@ class DrawingChoices:
     )
     mouth: Owner = option(
         "source", "Teeth and tongue between the lips: the identity's (donor) or the person's own."
+    )
+    glasses: Glasses = option(
+        "off",
+        "Glasses that the identity was enrolled with: off, or keep, which draws them up to the ears where the person "
+        "wears none.",
     )
     outline: float = option(
         0.0,

@@ -15,6 +15,7 @@ import numpy as np
 from guise.aam.appearance import AppearanceModel
 from guise.aam.even_light import even_texture
 from guise.aam.extrapolation import DEFAULT_GATE, Extrapolator
+from guise.aam.glasses import GlassesOnHead, WornGlasses
 from guise.aam.irises import EYES, Irises
 from guise.aam.landmarks.schemes import INNER_LIPS
 from guise.aam.model import Identity
@@ -30,7 +31,7 @@ from guise.app.drawing.look import Kind, Look
 from guise.app.drawing.memory import Memory
 from guise.app.drawing.passes.blend import FEATHER_FACE_WIDTHS, NARROW_FEATHER_FACE_WIDTHS, Blend
 from guise.app.drawing.passes.brows import DrawnBrows, HeadBrows
-from guise.app.drawing.passes.cover import Cover, shown_mask
+from guise.app.drawing.passes.cover import Cover, DonorGlasses, shown_mask
 from guise.app.drawing.passes.eyes import Apertures, Eyeballs, LidCloser
 from guise.app.drawing.passes.forehead import Hairline, outward, strands
 from guise.app.drawing.passes.irises import Gaze, IrisChange, IrisTint
@@ -153,6 +154,7 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     alpha = feather(mask, FEATHER_FACE_WIDTHS * reference.resolution)
     blend, rest = Blend(relief, alpha, look.renderer), texture.transfer.source
     looks = (Gaze(irises.source, person.at_rest).follow,) if irises else ()
+    glasses = _glasses(donor, texture.transfer, reference) if look.glasses == "keep" else ()
     seeing = _seeing(texture, cover, silhouette, person)
     placing = (
         place.lay, *looks, light.measure, cover.share, *((place.pull_jaw,) if look.outline > 0 else ()),
@@ -161,9 +163,18 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     drawing = (
         cover.rims, folds.find, light.apply, blend.scatter, surface.sharpen, folds.smooth, enlargement.enlarge,
         drawn_brows.keep_thick, surface.add_grain, surface.look, own_skin.add, apertures.draw,
-        drawn_brows.cover_own, blend.composite, folds.soften_edges, surface.compare, blend.write,
+        drawn_brows.cover_own, blend.composite, folds.soften_edges, surface.compare, blend.write, *glasses,
     )  # fmt: skip
     return Plan(look, person.identity, donor.clean, texture, blend, rest, seeing, placing, drawing)
+
+
+def _glasses(donor: Donor, transfer: ShapeTransfer, reference: ReferenceFrame) -> tuple[Step, ...]:
+    """What draws a donor's glasses, if they wear any."""
+    rest = donor.enrolled.rest_frame
+    worn = WornGlasses.of(rest)
+    if worn is None:
+        return ()
+    return (DonorGlasses(GlassesOnHead.of(worn, rest.shape, transfer.solid), reference).draw,)
 
 
 def _disguise(person: TrackedPerson, donor: Donor, look: Look) -> Plan:

@@ -140,7 +140,9 @@ def _of_light(rest: RestFrame) -> list[str]:
     if np.ptp(rest.shape[:, 0]) >= SHARP_WIDTH and sharpness(rest) < LIMITS.min_sharpness:
         told.append("the picture of the face is soft: film in focus, in more light, without a filter")
     if wears_glasses(parsing, rest.shape):
-        told.append("the person wears glasses, which leave traces in the face: take them off")
+        told.append(
+            "the person wears glasses, of which traces stay in the face: take them off, or swap with --glasses keep"
+        )
     if _has_fringe(parsing, rest.shape):
         told.append("hair hangs over the brows, which then cannot be shown moving: pin it back")
     if max(halves) < LIMITS.min_grey_level:

@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 
 from guise.aam.coarse_grid import CoarseGrid
+from guise.aam.glasses import STILL, GlassesOnHead
 from guise.aam.landmarks.schemes import (
     BROW_TOPS,
     BROWS,
@@ -224,6 +225,43 @@ class Cover:
         places = (np.column_stack([xs.ravel(), ys.ravel()]) + 0.5) / factor - 0.5
         depth = Relief.shipped(self._reference).at(places)[:, None]
         return rows, MeshSampler.build(self._reference, places), depth
+
+
+class DonorGlasses:
+    """The donor's glasses, over the drawn face of a person who wears none; hands and hair stay in front of them.
+
+    reference : ReferenceFrame.
+    """
+
+    def __init__(self, glasses: GlassesOnHead, reference: ReferenceFrame) -> None:
+        self._glasses, self._reference = glasses, reference
+
+    def draw(self, face: FaceInFrame, memory: Memory) -> None:
+        """Draw them into the frame."""
+        worn, frame, across, at_rest = memory.rims.worn, face.frame, face.sight.across, face.sight.at_rest
+        if at_rest is None or (worn is not None and worn > 0.5):
+            return
+        seen = at_rest @ self._reference.to_grid(face.head).inverse.linear
+        front = self._glasses.front(seen + mean(face.mesh[STILL] - seen[STILL], 0), across)
+        outline = self._glasses.outline(front, across)
+        x, y, w, h = frame.align_roi(*(np.minimum.reduce(outline) - 1), *(np.maximum.reduce(outline) + 2))
+        if w < 2 or h < 2:
+            return
+        change = self._shown(face, (x, y), (h, w)) * (self._glasses.ratio(front, across, (x, y), (h, w)) - 1)
+        lit = frame.rgb_roi(x, y, w, h) * (1 + change)[..., None]
+        roi = cv2.transform(lit, frame.colour.from_rgb)
+        frame.write_roi(x, y, np.asarray(np.clip(roi + 0.5, 0, 255), np.uint8))
+
+    def _shown(self, face: FaceInFrame, corner: tuple[int, int], size: tuple[int, int]) -> F32:
+        """(h, w) share in [0, 1] of a rectangle of the frame that nothing hides."""
+        parsing = face.parsed
+        if parsing is None:
+            return np.ones(size, np.float32)
+        rows, columns = (np.linspace(0, side - 1, side // 4 + 2) for side in size)  # a cell is far larger
+        places = np.stack(np.meshgrid(columns, rows), -1).reshape(-1, 2)
+        hidden = Layers.of(parsing, KINDS[:2]).at(places + corner - face.canvas.corner)
+        shown = 1 - np.maximum.reduce(hidden, 1).reshape(len(rows), len(columns))
+        return np.asarray(cv2.resize(shown, size[::-1]), np.float32)
 
 
 class _Cells:
