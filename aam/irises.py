@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from guise.aam.appearance import AppearanceModel
 from guise.aam.landmarks.schemes import LEFT_EYE, NOSE_BASE, NOSE_ROOT, RIGHT_EYE, Group
 from guise.aam.light import LUMA
 from guise.aam.mask import soft_parts
@@ -110,10 +109,9 @@ class Irises:
     places: F64
 
     @classmethod
-    def at_rest(cls, appearance: AppearanceModel) -> Irises:
-        """Of a neutral face."""
-        reference, shape = appearance.reference, appearance.neutral_shape
-        picture = reference.scatter(appearance.neutral_texture)
+    def at_rest(cls, reference: ReferenceFrame, shape: F64, texture: F32) -> Irises:
+        """Of a face at rest: its shape (81, 2), grid pixels, and RGB (n, 3)."""
+        picture = reference.scatter(texture)
         margin = reference.resolution // 3  # the parser sees the face's surroundings
         around = cv2.copyMakeBorder(picture, *(margin,) * 4, cv2.BORDER_REPLICATE)
         rgb = np.asarray(np.clip(around + 0.5, 0, 255), np.uint8)

@@ -250,9 +250,9 @@ def identity() -> Identity:
 
 @pytest.fixture
 def eyeballs(identity: Identity) -> Eyeballs:
-    appearance = identity.appearance
-    irises = Irises.at_rest(identity.appearance)
-    return Eyeballs(identity.reference, irises, appearance.neutral_shape, appearance.neutral_texture)
+    shape, texture = identity.appearance.neutral_shape, identity.appearance.neutral_texture
+    irises = Irises.at_rest(identity.reference, shape, texture)
+    return Eyeballs(identity.reference, irises, shape, texture)
 
 
 def _drawn(eyeballs: Eyeballs, identity: Identity, x: float, mesh: F64 | None = None) -> F32:

@@ -70,8 +70,8 @@ def test_an_iris_of_a_turned_head_stays_round() -> None:
 
 
 def test_a_persons_irises_are_known_from_the_model() -> None:
-    person = Identity.load(model_file("p01"))
-    known = Irises.at_rest(person.appearance)
+    face = Identity.load(model_file("p01")).appearance
+    known = Irises.at_rest(face.reference, face.neutral_shape, face.neutral_texture)
     assert LIMITS.radii[0] <= known.radius <= LIMITS.radii[1] + 1e-6
     assert np.abs(known.places).max() < 0.15
     assert known.colour.min() > 0

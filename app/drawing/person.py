@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from guise.aam.irises import Irises
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
 from guise.aam.solid_shape import SolidFit, SolidPrior
@@ -45,6 +46,11 @@ class TrackedPerson:
     def texture(self) -> F32:
         """(n, 3) their RGB at rest."""
         return self.identity.appearance.neutral_texture
+
+    @property
+    def irises(self) -> Irises:
+        """Theirs at rest."""
+        return Irises.at_rest(self.identity.reference, self.at_rest, self.texture)
 
     @property
     def solid(self) -> SolidFit:

@@ -118,9 +118,10 @@ def _seeing(
     )  # fmt: skip
 
 
-def _iris_change(own: AppearanceModel, shown: AppearanceModel, donor: Donor) -> IrisChange | None:
-    """From the person's irises to the donor's; None if their clip doesn't tell the colour of those."""
-    change = IrisChange(Irises.at_rest(own), Irises.at_rest(shown).in_human_range())
+def _iris_change(person: TrackedPerson, donor: Donor, rgb: F32) -> IrisChange | None:
+    """From the person's irises to those in the donor's texture (n, 3); None if their clip doesn't tell their colour."""
+    theirs = Irises.at_rest(person.identity.reference, donor.at_rest, rgb)
+    change = IrisChange(person.irises, theirs.in_human_range())
     return change if change.is_known(donor.eye_pixels) else None
 
 
@@ -128,15 +129,13 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     """A donor's face in the light of the scene, with what is in front of the person's and their gaze."""
     own, reference = person.identity.appearance, person.identity.reference
     even = own.with_neutral_texture(even_texture(own))
-    shown, relief = (
-        toned(donor.clean.appearance, even, own_rim=True),
-        Relief.shipped(reference),
-    )
+    shown, relief = toned(donor.clean.appearance, even, own_rim=True), Relief.shipped(reference)
+    rgb = shown.neutral_texture
     texture = _fitted(person, donor, shown, look)
     mask, texels = reference.mask, person.texels
     own_eyes = EYES if look.eyes == "source" else ()
     own_mouth = (INNER_LIPS,) if look.mouth == "source" else ()
-    irises = _iris_change(own, shown, donor) if own_eyes else None
+    irises = _iris_change(person, donor, rgb) if own_eyes else None
     tint = partial(IrisTint, irises) if irises else None
     cover = Cover(
         reference,
@@ -145,7 +144,7 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
         watches_eyes=bool(own_eyes),
     )
     place = Place(reference, np.eye(POINTS), outward(reference, look.jaw, look.forehead))
-    light = QuotientLight(reference, texels, mask, (even.neutral_texture, shown.neutral_texture))
+    light = QuotientLight(reference, texels, mask, (even.neutral_texture, rgb))
     silhouette, folds = Silhouette(relief, texels), Folds(relief)
     surface, own_skin = Finish(reference, mask), OwnSkin(relief)
     enlargement = Enlargement(donor.clean.detail, cv2.INTER_CUBIC)
@@ -181,7 +180,8 @@ def _disguise(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     """A face in other proportions, whose forehead, eyes and mouth are drawn anew."""
     own, reference = person.identity.appearance, person.identity.reference
     shown, relief = toned(donor.clean.appearance, own), Relief.shipped(reference)
-    texture, rgb = _fitted(person, donor, shown, look), shown.neutral_texture
+    rgb = shown.neutral_texture
+    texture = _fitted(person, donor, shown, look)
     mask, texels, moved = reference.mask, person.texels, proportions(reference)
     beyond = outward(reference, look.jaw, look.forehead)
     hairline = Hairline(reference, rgb, look.forehead)
@@ -191,8 +191,8 @@ def _disguise(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
         reference, person.estimator.sampler, only_objects=look.in_front == "objects", beyond=forehead.added
     )
     place = Place(reference, moved, beyond)
-    gaze = Gaze(Irises.at_rest(own), person.at_rest)
-    eyeballs = Eyeballs(reference, Irises.at_rest(shown), donor.at_rest, rgb)
+    gaze = Gaze(person.irises, person.at_rest)
+    eyeballs = Eyeballs(reference, Irises.at_rest(reference, donor.at_rest, rgb), donor.at_rest, rgb)
     mouth = InnerMouth(reference, donor.at_rest)
     light = WideLight(reference, texels, mask, (person.texture, rgb))
     silhouette, folds = Silhouette(relief, texels), Folds(relief)
@@ -223,7 +223,7 @@ def _paper(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     mask, relief = shown_mask(person.mask, reference), Relief.flat(reference)
     own_eyes = EYES if look.eyes == "source" else ()
     own_mouth = (INNER_LIPS,) if look.mouth == "source" else ()
-    irises = _iris_change(own, identity.appearance, donor) if own_eyes else None
+    irises = _iris_change(person, donor, identity.appearance.neutral_texture) if own_eyes else None
     tint = partial(IrisTint, irises) if irises else None
     place = RigidPlace(reference)
     light = PaperLight(reference, person.texels, mask, "least-squares" if look.exact else "symmetric")
