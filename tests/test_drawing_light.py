@@ -37,8 +37,9 @@ def face() -> F32:
 class Lit:
     """A light with what it remembers."""
 
-    def __init__(self, own: F32, person: F32 | None = None) -> None:
-        self.light = QuotientLight(FRAME, TEXELS, FRAME.mask, (own if person is None else person, own))
+    def __init__(self, own: F32, person: F32 | None = None, blacks: tuple[float, float] = (0.0, 0.0)) -> None:
+        enrolled = own if person is None else person, own
+        self.light = QuotientLight(FRAME, TEXELS, FRAME.mask, enrolled, blacks)
         self.memory = Memory()
 
     def show(self, own: F32, seen: F32, visible: F32 | None = None, seconds: float = FRAME_SECONDS) -> None:
@@ -105,6 +106,18 @@ def test_the_face_takes_the_tone_of_the_persons_skin() -> None:
     dark = np.float32([0.5, 0.45, 0.4]) * face()
     made = lit(light_fitted(dark, np.float32(0.8) * face(), person=face()), dark)
     assert_allclose(np.median(made[SKIN] / face()[SKIN], axis=0), 0.8, rtol=0.08)
+
+
+def test_brows_keep_their_darkness_in_more_light_and_from_a_veiled_clip() -> None:
+    """What a veil of stray light does to the face's clip, it does not do to the frame, whose own veil lies on all."""
+    dim, black, brow = np.float32(0.4) * face(), 25.0, BROWS & ~SKIN
+    for veils in ((0.0, 0.0), (0.0, black), (black, 0.0)):
+        person, shown = face() + np.float32(veils[0]), dim + np.float32(veils[1])
+        light = Lit(shown, person, veils)
+        light.show(shown, person)
+        made = light(shown) - np.float32(veils[0])
+        assert_allclose(np.median(made[brow] / face()[brow]), 1.0, atol=0.1)
+        assert_allclose(np.median(made[SKIN] / face()[SKIN]), 1.0, atol=0.06)
 
 
 def test_what_the_face_expresses_does_not_shade_its_skin_twice() -> None:

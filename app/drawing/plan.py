@@ -144,7 +144,10 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
         watches_eyes=bool(own_eyes),
     )
     place = Place(reference, np.eye(POINTS), outward(reference, look.jaw, look.forehead))
-    light = QuotientLight(reference, texels, mask, (even.neutral_texture, rgb))
+    light = QuotientLight(
+        reference, texels, mask, (even.neutral_texture, rgb),
+        (person.identity.rest_frame.black, donor.enrolled.rest_frame.black),
+    )  # fmt: skip
     silhouette, folds = Silhouette(relief, texels), Folds(relief)
     surface, own_skin = Finish(reference, mask), OwnSkin(relief)
     enlargement = Enlargement(donor.clean.detail, cv2.INTER_CUBIC)
