@@ -1,1 +1,1 @@
-"""Benchmarks of landmarkers: accuracy, detection rate, jitter, speed, size and confidence, compared with peers."""
+"""Benchmarks of landmarkers: accuracy, detection rate, jitter, size and confidence, compared with peers."""

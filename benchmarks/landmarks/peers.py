@@ -37,19 +37,18 @@ class Peer(PeerProcess):
     def __init__(self, python: Path, kind: str, argument: Path | float) -> None:
         super().__init__(python, Path(__file__).with_name("peer.py"), kind, argument)
 
-    def ask(self, rgb: Picture) -> tuple[list[Any], tuple[float, float]]:
-        """The peer's faces, and the milliseconds that it took: on the clock, and of the processor."""
+    def ask(self, rgb: Picture) -> list[Any]:
+        """The peer's faces."""
         self.send(b"%d %d\n" % rgb.shape[:2] + rgb.tobytes())
-        answer = json.loads(self.line())
-        return answer["faces"], (answer["ms"], answer["processor_ms"])
+        return list(json.loads(self.line()))
 
     def meshes(self, rgb: Picture) -> F64:
         """MediaPipe's faces (f, 478, 2)."""
-        return np.array(self.ask(rgb)[0], np.float64).reshape(-1, 478, 2)
+        return np.array(self.ask(rgb), np.float64).reshape(-1, 478, 2)
 
     def boxes(self, rgb: Picture) -> F64:
         """CenterFace's boxes and scores (f, 5)."""
-        return np.array(self.ask(rgb)[0], np.float64).reshape(-1, 5)
+        return np.array(self.ask(rgb), np.float64).reshape(-1, 5)
 
 
 def face81(mesh: F64) -> F64:

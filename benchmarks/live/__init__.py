@@ -1,1 +1,1 @@
-"""Benchmarks of `guise live` and of the studio's live page."""
+"""Benchmarks of `guise live`."""

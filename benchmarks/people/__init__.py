@@ -1,1 +1,1 @@
-"""Benchmarks of people: one photo, several people, and the studio."""
+"""Benchmarks of people: crossings, cuts and second swaps."""

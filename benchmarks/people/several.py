@@ -13,18 +13,19 @@ import os
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from fractions import Fraction
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import av
 import cv2
 import numpy as np
 
 from benchmarks import common
 from benchmarks.children import GUISE, CommandError
 from benchmarks.common import Criterion, Report, Table
-from benchmarks.people.clips import written
 from guise.aam.landmarks.schemes import FOREHEAD
 from guise.app.media import open_input
 from guise.app.people.finding import find_people
@@ -32,13 +33,29 @@ from guise.common.arrays import F64, U8
 
 NAME, TITLE = "people.several", "People: crossings, cuts, second swaps"
 PAIRS = (("p01", "p06"), ("p02", "p05"), ("p03", "p07"))
-FRAMES, WIDTH, HEIGHT = 150, 480, 240
+FRAMES, FPS, WIDTH, HEIGHT = 150, 30, 480, 240
 CROSSED = 0.7  # of the time, from which the two have passed each other
 CUT = 0.4  # of the time
 GROUND = (90.0, 100.0, 110.0)
 AWAY = -300.0  # pixels: beside the picture
 
 Places = Callable[[float], tuple[float, float]]
+
+
+def written(pictures: Iterable[U8], output: Path) -> Path:
+    """Pictures (h, w, 3) RGB as a video."""
+    with av.open(str(output), "w") as container:
+        stream = None
+        for number, picture in enumerate(pictures):
+            frame = av.VideoFrame.from_ndarray(picture, "rgb24")
+            if stream is None:
+                stream = container.add_stream("libx264", FPS, {"crf": "14", "preset": "ultrafast"})
+                stream.width, stream.height, stream.pix_fmt = frame.width, frame.height, "yuv420p"
+            frame.pts, frame.time_base = number, Fraction(1, FPS)
+            container.mux(stream.encode(frame))
+        assert stream is not None
+        container.mux(stream.encode(None))
+    return output
 
 
 def crossing(at: float) -> tuple[float, float]:
