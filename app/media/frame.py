@@ -54,10 +54,6 @@ class Frame:
         orientation: Orientation = AS_STORED, name: str | None = None, alpha: Plane | None = None,
     ) -> None:  # fmt: skip
         self.pts, self.time_base, self.index, self.name = pts, time_base, index, name
-        self.duration = (picture.duration or 0) if isinstance(picture, av.VideoFrame) else 0
-        self._hold(picture, orientation, alpha)
-
-    def _hold(self, picture: av.VideoFrame | Plane, orientation: Orientation, alpha: Plane | None) -> None:
         self.alpha = alpha
         self.orientation = orientation
         self._video = picture if isinstance(picture, av.VideoFrame) else None
@@ -65,11 +61,11 @@ class Frame:
         self._planes: tuple[Plane, ...] | None = None
         self._luma: Plane | None = None
         if isinstance(picture, av.VideoFrame):
-            stored = picture.width, picture.height
+            stored, self.duration = (picture.width, picture.height), picture.duration or 0
             self._shift = NATIVE_FORMATS[picture.format.name]
             self.colour = _matrix_of(picture)
         else:
-            stored = picture.shape[1], picture.shape[0]
+            stored, self.duration = (picture.shape[1], picture.shape[0]), 0
             self._shift, self.colour = (0, 0), _GBR
         self.width, self.height = orientation.size(*stored)
         self._stored_shift = self._shift
@@ -85,11 +81,16 @@ class Frame:
 
         rgb : (h, w, 3) uint8.   alpha : (h, w) uint8 or None, carried to image files unchanged.
         """
-        return cls(_own(rgb), pts=pts, time_base=time_base, index=index, name=name, alpha=alpha)
+        if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
+            raise ValueError(f"rgb must be (h, w, 3) uint8, got {rgb.shape} {rgb.dtype}")
+        own = np.array(rgb, dtype=np.uint8, order="C", copy=True)
+        return cls(own, pts=pts, time_base=time_base, index=index, name=name, alpha=alpha)
 
     def show(self, rgb: Plane) -> None:
         """Hold a copy of another picture (h, w, 3) uint8 RGB, of any size, with the same time, index and name."""
-        self._hold(_own(rgb), AS_STORED, None)
+        shown = Frame.from_rgb(rgb, self.pts, self.time_base, self.index, name=self.name)
+        shown.duration = self.duration
+        vars(self).update(vars(shown))
 
     @property
     def seconds(self) -> float:
@@ -311,13 +312,6 @@ class Frame:
         )  # fmt: skip
         twin.duration = self.duration
         return twin
-
-
-def _own(rgb: Plane) -> Plane:
-    """A copy of an RGB picture."""
-    if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
-        raise ValueError(f"rgb must be (h, w, 3) uint8, got {rgb.shape} {rgb.dtype}")
-    return np.array(rgb, dtype=np.uint8, order="C", copy=True)
 
 
 _GBR = gbr_matrix()

@@ -72,18 +72,31 @@ class SwapError(GuiseError):
 
 
 @dataclass(frozen=True)
+class FileTimes:
+    """How long a file took.
+
+    seconds : wall time without enrolment.
+    work_seconds : of these, spent in tracking and drawing, which overlap.
+    first_packet_seconds : until the first encoded picture was written; None where nothing is encoded.
+    encoder_idle_share : share in [0, 1] of the time that the encoder waited for frames.
+    """
+
+    seconds: float
+    work_seconds: float
+    first_packet_seconds: float | None
+    encoder_idle_share: float
+
+
+@dataclass(frozen=True)
 class SwapReport:
     """What was done to a file.
 
     Parameters
     ----------
     output : the file that was written.
-    frames : number written; of these `swapped` show the new face where the face is, `held` where it was last seen,
-        in `covered` a face that could not be swapped was covered, and in `lost` no face was found.
-    seconds : wall time without enrolment.
-    work_seconds : of these, spent in tracking and drawing, which overlap.
-    first_packet_seconds : until the first encoded picture was written; None where nothing is encoded.
-    encoder_idle_share : share in [0, 1] of the time that the encoder waited for frames.
+    swapped, held, covered, lost : frames that show the new face where the face is, or where it was last seen, in which
+        a face that could not be swapped was covered, and in which no face was found.
+    times : how long it took.
     renderer : what drew the face.
     faces : largest number of faces seen in one frame.
     beyond_face_widths : distance from the jaw line up to which pixels beside the face may have changed, face widths.
@@ -92,15 +105,11 @@ class SwapReport:
     """
 
     output: str
-    frames: int
     swapped: int
     held: int
     covered: int
     lost: int
-    seconds: float
-    work_seconds: float
-    first_packet_seconds: float | None
-    encoder_idle_share: float
+    times: FileTimes
     renderer: str
     faces: int
     beyond_face_widths: float
@@ -109,13 +118,32 @@ class SwapReport:
     advice: str = ""
 
     @property
+    def frames(self) -> int:
+        """Number of frames written."""
+        return self.swapped + self.held + self.covered + self.lost
+
+    @property
+    def seconds(self) -> float:
+        """Wall time without enrolment."""
+        return self.times.seconds
+
+    @property
     def frames_per_second(self) -> float:
         """Frames per second from file to file."""
         return self.frames / max(self.seconds, 1e-9)
 
     def as_json(self) -> dict[str, Any]:
-        """The report as JSON holds it."""
-        return {**asdict(self), "frames_per_second": round(self.frames_per_second, 2)}
+        """The report as JSON holds it, flat."""
+        told = asdict(self)
+        times = told.pop("times")
+        rate = round(self.frames_per_second, 2)
+        return {
+            "output": told.pop("output"),
+            "frames": self.frames,
+            **told,
+            **times,
+            "frames_per_second": rate,
+        }
 
 
 class Tally:
@@ -165,10 +193,9 @@ class Tally:
                 f"{self._media.name}: up to {self.faces} faces were seen in a frame; the largest one that the source "
                 "model knows was taken"
             )
+        work, idle = round(stats.work_seconds + stats.ahead_seconds, 3), round(stats.encoder_idle_share, 4)
         return SwapReport(
-            str(output), stats.frames, **self.counts, seconds=round(seconds, 3),
-            work_seconds=round(stats.work_seconds + stats.ahead_seconds, 3), first_packet_seconds=began,
-            encoder_idle_share=round(stats.encoder_idle_share, 4), renderer=self.renderer, faces=self.faces,
-            beyond_face_widths=self._beyond, problems=stats.problems,
+            str(output), **self.counts, times=FileTimes(round(seconds, 3), work, began, idle),
+            renderer=self.renderer, faces=self.faces, beyond_face_widths=self._beyond, problems=stats.problems,
             grade=self.grade.score if self.grade else None, advice=self.grade.advice if self.grade else "",
         )  # fmt: skip

@@ -182,8 +182,8 @@ def measure_file(clip: Path, source: Identity, target: Identity, *, rounds: int 
         median(seconds for seconds, _ in transcodes),
         median(s.processor for s in swaps),
         median(processor for _, processor in transcodes),
-        median(s.report.first_packet_seconds or 0.0 for s in swaps),
-        median(s.report.encoder_idle_share for s in swaps),
+        median(s.report.times.first_packet_seconds or 0.0 for s in swaps),
+        median(s.report.times.encoder_idle_share for s in swaps),
     )
 
 
