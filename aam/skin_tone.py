@@ -45,16 +45,17 @@ LIMITS = SkinToneLimits()
 BLACK = np.float32(EVEN_LIGHT.black_grey_levels)  # added before logarithms are taken
 
 
-def toned(face: AppearanceModel, person: AppearanceModel, *, own_rim: bool = False) -> AppearanceModel:
+def toned(face: AppearanceModel, person: AppearanceModel, *, rim: F32 | None = None) -> AppearanceModel:
     """A face with a neutral texture fit for a person's skin tone.
 
-    own_rim : whether the face goes over into theirs at its border.
+    rim : (h, w) share in [0, 1] of bare skin in both, by which the face goes over into theirs at its border; None if
+        it does not.
     """
     reference = face.reference
     texture, other = (reference.scatter(one.neutral_texture) for one in (face, person))
     fit = in_tone_of(texture, other, reference)
-    if own_rim:
-        fit = with_rim_of(fit, other, reference)
+    if rim is not None:
+        fit = with_rim_of(fit, other, rim, reference)
     return face.with_neutral_texture(fit)
 
 
@@ -72,16 +73,19 @@ def in_tone_of(texture: F32, other: F32, reference: ReferenceFrame) -> F32:
     return np.asarray(seen - BLACK)
 
 
-def with_rim_of(texture: F32, other: F32, reference: ReferenceFrame) -> F32:
+def with_rim_of(texture: F32, other: F32, bare: F32, reference: ReferenceFrame) -> F32:
     """A neutral texture (h, w, 3) whose skin goes over into that of another towards the border of the face.
 
     What is drawn ends there, and the other's skin goes on: in the same light no border is seen then.
+
+    bare : (h, w) share in [0, 1] by which either has skin there, see `beards_off`.
     """
     skin = skin_mask(reference)
-    weight = skin.astype(np.float32)
+    weight = skin * bare
     sigma = LIMITS.rim_mean_face_widths * reference.resolution
     means = [local_mean(one, weight, sigma) for one in (texture, other)]
-    tones = [np.exp(np.log(_over_black(one)[skin]).mean(0)) for one in (texture, other)]
+    seen = weight[skin] / max(float(weight.sum()), 1e-6)
+    tones = [np.exp(seen @ np.log(_over_black(one)[skin])) for one in (texture, other)]
     ratio = np.clip(means[1] / means[0] * (tones[0] / tones[1]), *LIMITS.rim_ratio)
     share = ramps(distance_inside(reference), 0.0, LIMITS.rim_face_widths).astype(np.float32)
     share = 1 - share * share * (3 - 2 * share)

@@ -79,7 +79,11 @@ def test_at_its_border_a_face_is_the_persons_and_inside_its_own() -> None:
     face = np.full((*frame.size, 3), FAIR, np.float32)
     beard = np.arange(frame.size[0])[:, None] > frame.points[CHIN, 1] - 0.3 * frame.resolution
     other = np.where((skin & beard)[..., None], np.float32(0.7) * face, face)
-    made = with_rim_of(face, other, frame) / face
+    made, shaven = (
+        with_rim_of(face, other, bare, frame) / face
+        for bare in (np.ones(frame.size, np.float32), np.asarray(~beard & skin, np.float32))
+    )
     jaw = skin & beard & (np.abs(np.arange(frame.size[1]) - frame.points[CHIN, 0]) < 0.2 * frame.resolution)
+    np.testing.assert_allclose(shaven[jaw], 1, atol=1e-3)
     assert made[jaw & (inside < 0.08)].mean() < 0.95 * made[jaw & (inside > 0.12)].mean()
     np.testing.assert_allclose(made[skin & (inside > LIMITS.rim_face_widths)], 1, atol=1e-3)

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from guise.aam.beard import beard
 from guise.aam.even_light import evenly_lit
 from guise.aam.irises import EYES
 from guise.aam.landmarks.schemes import RIGID_WEIGHTS
@@ -26,6 +27,7 @@ class Donor:
     ----------
     enrolled : Identity, as it is in its file.
     clean : the same in even light, without glasses, and with both halves where the clip shows one.
+    beard : (h, w) share in [0, 1] of a beard.
     moving : (h, w) share in [0, 1] of its texture's movement that is shown.
     at_rest : (81, 2) its shape at rest, grid pixels.
     solid : SolidFit of that.
@@ -35,6 +37,7 @@ class Donor:
 
     enrolled: Identity
     clean: Identity
+    beard: F32
     moving: F32
     at_rest: F64
     solid: SolidFit
@@ -55,4 +58,5 @@ def _made(identity: Identity) -> Donor:
     across = np.asarray(solid.pose.linear[2] @ to_grid.linear)
     clean = evenly_lit(completed(without_glasses(identity)))
     eye_pixels = float(np.mean([np.ptp(identity.rest_frame.shape[eye][:, 0]) for eye in EYES]))
-    return Donor(identity, clean, moving_share(identity), at_rest, solid, eye_pixels, across)
+    hair, _ = beard(identity.rest_frame, identity.reference)
+    return Donor(identity, clean, hair, moving_share(identity), at_rest, solid, eye_pixels, across)

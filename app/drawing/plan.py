@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 
 from guise.aam.appearance import AppearanceModel
+from guise.aam.beard import LIMITS as BEARD_LIMITS
+from guise.aam.beard import beard
 from guise.aam.even_light import even_texture
 from guise.aam.extrapolation import DEFAULT_GATE, Extrapolator
 from guise.aam.glasses import GlassesOnHead, WornGlasses
@@ -129,7 +131,9 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     """A donor's face in the light of the scene, with what is in front of the person's and their gaze."""
     own, reference = person.identity.appearance, person.identity.reference
     even = own.with_neutral_texture(even_texture(own))
-    shown, relief = toned(donor.clean.appearance, even, own_rim=True), Relief.shipped(reference)
+    own_beard, goes_on = beard(person.identity.rest_frame, reference)
+    beards = np.zeros_like(own_beard) if goes_on else np.maximum(own_beard, donor.beard)
+    shown, relief = toned(donor.clean.appearance, even, rim=1 - beards), Relief.shipped(reference)
     rgb = shown.neutral_texture
     texture = _fitted(person, donor, shown, look)
     mask, texels = reference.mask, person.texels
@@ -143,7 +147,10 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
         only_objects=look.in_front == "objects",
         watches_eyes=bool(own_eyes),
     )
-    place = Place(reference, np.eye(POINTS), outward(reference, look.jaw, look.forehead))
+    beyond = outward(reference, look.jaw, look.forehead) + _over_beard(
+        np.minimum(own_beard, beards), look, reference
+    )
+    place = Place(reference, np.eye(POINTS), beyond)
     light = QuotientLight(
         reference, texels, mask, (even.neutral_texture, rgb),
         (person.identity.rest_frame.black, donor.enrolled.rest_frame.black),
@@ -154,6 +161,7 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     apertures = Apertures(reference, person.at_rest, (*own_eyes, *own_mouth), EYES, tint, ())
     drawn_brows = DrawnBrows(reference, np.eye(POINTS))
     alpha = feather(mask, FEATHER_FACE_WIDTHS * reference.resolution)
+    alpha = np.maximum(alpha, beards * feather(mask, BEARD_LIMITS.edge_face_widths * reference.resolution))
     blend, rest = Blend(relief, alpha, look.renderer), texture.transfer.source
     looks = (Gaze(irises.source, person.at_rest).follow,) if irises else ()
     glasses = _glasses(donor, texture.transfer, reference) if look.glasses == "keep" else ()
@@ -168,6 +176,14 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
         drawn_brows.cover_own, blend.composite, folds.soften_edges, surface.compare, blend.write, *glasses,
     )  # fmt: skip
     return Plan(look, person.identity, donor.clean, texture, blend, rest, seeing, placing, drawing)
+
+
+def _over_beard(own: F32, look: Look, reference: ReferenceFrame) -> F64:
+    """(81, 2) grid pixels by which the face is drawn beyond the jaw line where the person's beard (h, w) reaches it."""
+    x, y = np.minimum(np.round(reference.points).astype(int), np.array(own.shape[::-1]) - 1).T
+    jaw = max(BEARD_LIMITS.beyond_jaw_face_widths - look.jaw, 0.0)
+    beyond: F64 = outward(reference, jaw, 0.0) * own[y, x][:, None]
+    return beyond
 
 
 def _glasses(donor: Donor, transfer: ShapeTransfer, reference: ReferenceFrame) -> tuple[Step, ...]:
