@@ -450,9 +450,8 @@ def read_from_code() -> dict[str, float]:
     }
 
 
-def seen_in_a_run(quick: bool) -> tuple[dict[str, float], Table]:
-    """The figures that need a run, by the names of `BUDGETS`, and where calls are made."""
-    person, donor = (sample_person(name, quick) for name in ("p01", "p06"))
+def seen_in_a_run(person: Identity, donor: Identity) -> tuple[dict[str, float], Table]:
+    """The figures that need a run of one face over another, by the names of `BUDGETS`, and where calls are made."""
     visits = donor_visits(person, Donor.of(donor))
     calls, parts = calls_a_frame(person, donor)
     found = {
@@ -465,7 +464,7 @@ def seen_in_a_run(quick: bool) -> tuple[dict[str, float], Table]:
 
 def measure(options: argparse.Namespace) -> Report:
     """All figures beside their targets."""
-    found, calls = seen_in_a_run(options.quick)
+    found, calls = seen_in_a_run(*(sample_person(name, options.quick) for name in ("p01", "p06")))
     figures, modules = read_from_code() | found, modules_of_rooms()
     report = Report("structure", "The rooms that draw")
     report.criteria = [Criterion(b.what, figures[name], "<=", b.target) for name, b in BUDGETS.items()]

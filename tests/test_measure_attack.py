@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from unittest.mock import create_autospec
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from test_measure import recogniser, rewritten
 
 from guise.aam.landmarks import open_landmarker
 from guise.app.cli.main import main
-from guise.app.measure.attack import AttackRequest, attack, roll_degrees, turned_face
+from guise.app.measure.attack import AttackRequest, AttackResult, attack, roll_degrees, turned_face
 from guise.app.measure.attackers import Evidence, Guesses, Head, attacks, guessed, luck
 from guise.app.measure.table import rank_rows, similarity_rows, worst_sentence
 from guise.app.measure.views import embedders, face_only, head_pixels, outline_only
@@ -158,13 +159,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.slow
-def test_people_are_found_in_a_copy_and_not_by_covered_faces(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    result = attack(
-        AttackRequest(folder / "people", [folder / "copied", folder / "covered"], [folder / "card.toml"])
+@pytest.fixture(scope="module")
+def result(folder: Path) -> AttackResult:
+    return attack(
+        AttackRequest(folder / "people", [folder / "copied", folder / "covered"], (folder / "card.toml",))
     )
+
+
+@pytest.mark.slow
+def test_people_are_found_in_a_copy_and_not_by_covered_faces(result: AttackResult) -> None:
     copied, covered = result.outputs
     assert result.people == 3
     assert {by["clip"].share for view in copied.views for by in view.attackers.values()} == {1.0}
@@ -177,9 +180,15 @@ def test_people_are_found_in_a_copy_and_not_by_covered_faces(
 
 
 @pytest.mark.slow
-def test_the_command_writes_and_prints_the_figures(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["measure", str(folder / "people"), str(folder / "copied"), "--attack", "--json"]
-    assert main([*words, "-o", str(folder / "attack.json")]) == 0
+def test_the_command_writes_and_prints_the_figures(
+    folder: Path, result: AttackResult, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    attacked = create_autospec(attack, return_value=result)
+    monkeypatch.setattr("guise.app.measure.attack.attack", attacked)
+    originals, outputs = folder / "people", [folder / "copied", folder / "covered"]
+    words = ["measure", originals, *outputs, "--attack", "--json", "--recogniser", folder / "card.toml"]
+    assert main([*map(str, words), "-o", str(folder / "attack.json")]) == 0
+    assert attacked.call_args.args == (AttackRequest(originals, outputs, (folder / "card.toml",)),)
     printed = json.loads(capsys.readouterr().out)
     assert printed == json.loads((folder / "attack.json").read_text())
     assert printed["format"] == "guise-attack"

@@ -38,7 +38,8 @@ def f(x=5):
 
 @pytest.fixture(scope="module")
 def figures() -> dict[str, float]:
-    return structure.read_from_code() | structure.seen_in_a_run(quick=True)[0]
+    people = (Identity.load(model_file(name)) for name in ("p01", "p06"))
+    return structure.read_from_code() | structure.seen_in_a_run(*people)[0]
 
 
 @pytest.mark.parametrize("name", BUDGETS)
