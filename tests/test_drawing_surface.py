@@ -123,6 +123,16 @@ def test_a_blurred_donor_is_sharpened_no_more_than_the_limit() -> None:
     assert settled(face(20.0), face(4.0)).gain == LIMITS.gain[1]
 
 
+def test_only_the_finest_band_is_raised_and_that_of_brows_too() -> None:
+    """What is coarser is blotches on skin."""
+    shown = settled(face(20.0), face(4.0))
+    for period, expected in ((3, LIMITS.gain[1]), (40, 1.0)):
+        wave = np.full((*REFERENCE.size, 3), 128, np.uint8)
+        wave[..., 0] = np.round(128 + 20 * np.sin(2 * np.pi * np.arange(wave.shape[1]) / period))
+        ratio = shown.sharpened(wave)[..., 0].std(axis=1) / wave[..., 0].std(axis=1)
+        assert ratio == pytest.approx(expected, abs=0.1)  # in every row
+
+
 def test_the_frames_own_skin_is_shown_only_where_sharpening_is_not_enough() -> None:
     assert settled(face(8.0), face(20.0)).own_share == 0
     assert settled(face(8.0), face(8.0)).own_share == 0

@@ -5,9 +5,10 @@ painted.  So the gradients of the frame's skin before drawing are compared with 
 the fine contrast of the texture is scaled until both are alike, within limits: a texture holds no more detail than its
 donor's clip, and wrinkles are the donor's own.
 
-What a donor's clip does not hold cannot be sharpened out of it: a raised contrast ends in streaks.  So where that is
-not enough the finest band of the frame's brightness is laid into the texture, on skin alone: pores and grain.  Folds,
-moles and edges, by which a person is known, stand out from it and stay out.
+What a donor's clip does not hold cannot be sharpened out of it: a raised contrast of more than the finest band ends
+in blotches.  So only that is raised, in brows, lids and lips most to be seen, and where it is not enough the finest
+band of the frame's brightness is laid into the texture, on skin alone: pores and grain.  Folds, moles and edges, by
+which a person is known, stand out from it and stay out.
 
 A mean of frames has less noise than a frame, and a drawn face without the noise around it looks pasted on.  So the
 noise of the frame's skin before drawing is compared with that of the same pixels after it, and what is missing is added
@@ -27,7 +28,7 @@ from guise.aam.landmarks.schemes import LEFT_BROW, NOSE_WINGS, RIGHT_BROW
 from guise.aam.mask import FEATURE_PARTS, skin_mask, soft_parts
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.aam.relief import Relief
-from guise.app.drawing.face import BROW_REACH, GROWTH, FaceInFrame
+from guise.app.drawing.face import BROW_REACH, FaceInFrame
 from guise.app.drawing.memory import SLACK, Memory, SurfaceMemory
 from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.decay import FRAME_SECONDS
@@ -61,7 +62,7 @@ class SharpnessLimits:
     # of a face, in which every frame is measured and made up for twice as fast
     first_seconds: float = tuned(12 * FRAME_SECONDS, "seconds", "picture.identity")
     every_seconds: float = tuned(4 * FRAME_SECONDS, "seconds", "speed")  # between later measurements
-    gain: tuple[float, float] = tuned((0.35, 1.2), "ratio", "picture.truth")  # least and most
+    gain: tuple[float, float] = tuned((0.35, 1.6), "ratio", "picture.identity")  # least and most
     unseen_gain: float = tuned(0.03, "ratio", "speed")  # from 1, within which nothing is done
 
 
@@ -122,17 +123,21 @@ class Finish:
         height, width = (2 * side + GRAIN.tile_slack_pixels for side in reference.size)
         self._tile = rng.standard_normal((height, width), np.float32)
         self._lowered = 1 - np.float32(1 - LIMITS.feature_share) * soft_parts(reference, FEATURE_PARTS, 0.0)
-        self._raised = 1 - soft_parts(reference, FEATURE_PARTS, GROWTH)
-        side = round(np.sqrt(6 * (LIMITS.band_face_widths * reference.resolution) ** 2 + 1))
-        self._box = (side | 1, side | 1)  # two such means are nearly a Gaussian
+        self._wide, self._fine = (
+            _box(width * reference.resolution) for width in (LIMITS.band_face_widths, OWN.band_face_widths)
+        )
 
     def sharpen(self, face: FaceInFrame, memory: Memory) -> None:
         """Scale the picture's fine contrast."""
         gain, canvas = memory.surface.gain, face.canvas
-        if abs(gain - 1) >= LIMITS.unseen_gain:
-            smooth = cv2.blur(cv2.blur(canvas.picture, self._box), self._box)
-            share = np.float32(gain - 1) * (self._raised if gain > 1 else self._lowered)
-            canvas.picture = np.asarray(cv2.blendLinear(canvas.picture, smooth, 1 + share, -share), np.uint8)
+        picture = canvas.picture
+        if gain >= 1 + LIMITS.unseen_gain:
+            sharp = cv2.addWeighted(picture, gain, _blurred(picture, self._fine), 1 - gain, 0.0)
+            canvas.picture = np.asarray(sharp, np.uint8)
+        elif gain <= 1 - LIMITS.unseen_gain:
+            share = np.float32(1 - gain) * self._lowered
+            smooth = _blurred(picture, self._wide)
+            canvas.picture = np.asarray(cv2.blendLinear(picture, smooth, 1 - share, share), np.uint8)
         canvas.contrast *= gain
 
     def add_grain(self, face: FaceInFrame, memory: Memory) -> None:
@@ -191,6 +196,17 @@ def _adjust(kept: SurfaceMemory, octaves: float, now: float) -> None:
     rate = 1.0 if now == kept.began else LIMITS.rate * (2 if early else 1)
     kept.own_share = _within(kept.own_share + rate * (octaves - LIMITS.own_slack_octaves), 0.0, 1.0)
     kept.gain = _within(kept.gain * 2 ** (rate * beyond / 2), *LIMITS.gain)
+
+
+def _box(sigma: float) -> tuple[int, int]:
+    """Sides of a box of which two means are nearly a Gaussian."""
+    side = round(np.sqrt(6 * sigma**2 + 1)) | 1
+    return side, side
+
+
+def _blurred(picture: U8, box: tuple[int, int]) -> U8:
+    """A picture (h, w, 3) whose pixels are means of means over boxes."""
+    return np.asarray(cv2.blur(cv2.blur(picture, box), box), np.uint8)
 
 
 def _within(value: float, least: float, most: float) -> float:
