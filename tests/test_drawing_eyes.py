@@ -168,6 +168,26 @@ def test_a_parsing_can_be_read_from_a_part_of_its_picture() -> None:
 
 
 @pytest.mark.parametrize("factor", [1, 2])
+def test_a_shut_eye_has_the_sources_lashes_in_the_tone_of_the_drawn_skin(factor: int) -> None:
+    h, w = FRAME.size
+    head = grid_points(FRAME, factor)
+    head[LEFT_EYE, 1] = head[LEFT_EYE, 1].mean()
+    socket, skin = np.array([70, 150, 110], np.uint8), np.array([150, 126, 130], np.uint8)
+    roi = np.tile(socket, (factor * h, factor * w, 1))
+    row = round(float(head[LEFT_EYE, 1].mean()))
+    roi[row - factor + 1 : row + factor, :, 0] = 20
+    picture = np.tile(skin, (factor * h, factor * w, 1))
+    eye = Aperture(FRAME, LEFT_EYE, factor, FRAME.points, only_shut=True)
+    filled(eye, picture, roi, head, fine=factor == 2)
+    column = round(float(head[LEFT_EYE, 0].mean()))
+    top = int(factor * FRAME.points[LEFT_EYE, 1].min())
+    lid = np.median(picture[top - 4 * factor : top - factor, column].astype(float), axis=0)
+    assert picture[row, column, 0] < 0.5 * skin[0]
+    assert abs(lid[0] - skin[0]) < 0.2 * (skin[0] - socket[0])
+    assert np.abs(lid[1:] - skin[1:]).max() < 5
+
+
+@pytest.mark.parametrize("factor", [1, 2])
 def test_a_disguises_lid_is_drawn_over_a_shut_eye_and_only_there(factor: int) -> None:
     h, w = FRAME.size
     eye = soft_parts(FRAME, (LEFT_EYE,), 0.0).repeat(factor, 0).repeat(factor, 1)

@@ -166,6 +166,10 @@ class Aperture:
         ys, xs = (np.flatnonzero((share > MIN_SHARE).any(axis)) for axis in (1, 0))
         self._place = np.s_[ys[0] : ys[-1] + 1, xs[0] : xs[-1] + 1]
         self._share = share[self._place]
+        if only_shut:
+            eye = soft_parts(reference, (part,), LIMITS.lid_growth_face_widths)
+            self._skin = self._share * (1 - _enlarged(eye, factor)[self._place])
+            self._sigma = LIMITS.shut_growth_face_widths / 2 * reference.resolution * factor
         rows, columns = np.mgrid[self._place]
         places = (np.column_stack([columns.ravel(), rows.ravel()]) + 0.5) / factor - 0.5
         self._sampler = MeshSampler.build(reference, places)
@@ -202,10 +206,26 @@ class Aperture:
             own = cv2.add(eye, self._zeros, dtype=cv2.CV_8U)  # rounds and saturates
         here = np.ascontiguousarray(canvas.picture[self._place])
         share = self._share * np.float32(shown)
-        if self._only_shut and parsing is not None:
-            brows = parsing.at(places, parsing.shares[FaceClass.BROWS])
-            share *= 1 - ramp(brows, LIMITS.cell_share).reshape(share.shape)
+        if self._only_shut:
+            skin = self._skin
+            if parsing is not None:
+                brows = parsing.at(places, parsing.shares[FaceClass.BROWS])
+                bare = 1 - ramp(brows, LIMITS.cell_share).reshape(share.shape)
+                share *= bare
+                skin = skin * bare
+            own = self._in_tone_of(here, own, skin)
         canvas.picture[self._place] = cv2.blendLinear(own, here, share, 1 - share)
+
+    def _in_tone_of(self, here: U8, own: U8, skin: F32) -> U8:
+        """The source's shut eye (h, w, 3) with the tone of the skin (h, w) around it in the picture, not of theirs."""
+        weights = cv2.merge([skin + np.float32(MIN_SHARE)] * 3)
+        there, theirs = (
+            cv2.GaussianBlur(cv2.multiply(one, weights, dtype=cv2.CV_32F), (0, 0), self._sigma)
+            for one in (here, own)
+        )
+        made = own + (there - theirs) / cv2.GaussianBlur(weights, (0, 0), self._sigma)
+        made[..., 0] = own[..., 0] * (there[..., 0] / np.maximum(theirs[..., 0], MIN_SHARE))
+        return np.asarray(np.clip(made + 0.5, 0, 255), np.uint8)
 
 
 class Apertures:
