@@ -46,7 +46,7 @@ class Here:
     """Does jobs at once; may be told to die before the n-th.
 
     What a job before rendering makes depends on the input and the region alone, so it is made once for all tests, and
-    given to each; a forgetful one does all jobs itself.
+    given to each; a forgetful one does all jobs itself, and what it makes is given to others.
     """
 
     _made: ClassVar[dict[tuple[str, ...], dict[str, bytes]]] = {}
@@ -59,7 +59,7 @@ class Here:
         for job in jobs:
             if len(self.jobs) == self._die_at:
                 raise KeyboardInterrupt
-            if job.stage == "render" or self._forgetful:
+            if job.stage == "render":
                 perform(job)
             else:
                 self._perform_once(job)
@@ -70,11 +70,12 @@ class Here:
         work = WorkFolder(Path(job.work))
         manifest = work.load_json(MANIFEST)
         key = manifest["fingerprint"], manifest["options"]["region"], job.stage, str(job.index)
-        if key not in self._made:
+        if self._forgetful or key not in self._made:
             before = {path: path.stat().st_mtime_ns for path in work.folder.iterdir()}
             perform(job)
             made = [path for path in work.folder.iterdir() if path.stat().st_mtime_ns != before.get(path)]
             self._made[key] = {path.name: path.read_bytes() for path in made}
+            return
         for name, held in self._made[key].items():
             work.path(name).write_bytes(held)
 
@@ -99,17 +100,8 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return cut("p02", tmp_path_factory.mktemp("clip") / "talk.mp4", FRAMES)
 
 
-@pytest.fixture(scope="module")
-def done(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FileReport]:
-    output = tmp_path_factory.mktemp("done") / "out.mp4"
-    report = run(clip, output, LOSSLESS)
-    assert report is not None
-    return output, report
-
-
-def test_a_short_file_is_decoded_once_for_all_stages_and_then_let_go(
-    clip: Path, done: tuple[Path, FileReport], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def decoded(patch: pytest.MonkeyPatch) -> list[bool]:
+    """Grows by one whenever a window of a file is decoded."""
     passes: list[bool] = []
 
     def window(*arguments: object) -> Iterator[Frame]:
@@ -117,14 +109,37 @@ def test_a_short_file_is_decoded_once_for_all_stages_and_then_let_go(
         return whole_window(*arguments)  # type: ignore[arg-type]
 
     whole_window = segments._window
-    monkeypatch.setattr(segments, "_window", window)
-    run(clip, tmp_path / "out.mp4", LOSSLESS, engine=Here(forgetful=True))
-    assert len(passes) == 1
-    assert KEPT.frames(clip, ProblemLog()) is None
+    patch.setattr(segments, "_window", window)
+    return passes
+
+
+@pytest.fixture(scope="module")
+def whole(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FileReport, int, object]:
+    """The output and the report of a run, how often its input was decoded, and the frames that it still keeps."""
+    output = tmp_path_factory.mktemp("done") / "out.mp4"
+    with pytest.MonkeyPatch.context() as patch:
+        passes = decoded(patch)
+        report = run(clip, output, LOSSLESS, engine=Here(forgetful=True))
+    assert report is not None
+    return output, report, len(passes), KEPT.frames(clip, ProblemLog())
+
+
+@pytest.fixture(scope="module")
+def done(whole: tuple[Path, FileReport, int, object]) -> tuple[Path, FileReport]:
+    return whole[:2]
+
+
+def test_a_short_file_is_decoded_once_for_all_stages_and_then_let_go(
+    clip: Path, whole: tuple[Path, FileReport, int, object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    output, _, passes, kept = whole
+    assert passes == 1
+    assert kept is None
+    again = decoded(monkeypatch)
     monkeypatch.setattr(case, "KEPT_BYTES", 0)
     run(clip, tmp_path / "anew.mp4", LOSSLESS, engine=Here(forgetful=True))
-    assert len(passes) > 3
-    assert (tmp_path / "anew.mp4").read_bytes() == (tmp_path / "out.mp4").read_bytes()
+    assert len(again) > 2
+    assert (tmp_path / "anew.mp4").read_bytes() == output.read_bytes()
 
 
 def test_the_face_is_swapped_in_every_frame_and_the_rest_stays(
