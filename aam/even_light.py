@@ -3,8 +3,8 @@
 Who was enrolled beside a window has one bright and one dark half and a gleaming nose, and drawn into another scene
 these look painted on.  A face is symmetric: smooth differences between its halves are light.  And people in even light
 differ little in how nose, cheeks and forehead are shaded (`training/shading.py`): what is far beyond that is light,
-too, and all the more in a face whose halves differ.  Dark jaws and upper lips stay, as they may be beards.  What gleams
-on a small scale gleams in that light, and the red of a nostril is that of light within; moles are darker than the skin
+too, and all the more in a face whose halves differ.  A beard, as the parsing tells it, stays dark.  What gleams on a
+small scale gleams in that light, and the red of a nostril is that of light within; moles are darker than the skin
 around them and stay.  Grid pixels; RGB 0..255.
 """
 
@@ -17,8 +17,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from guise.aam.appearance import AppearanceModel
-from guise.aam.landmarks.schemes import NOSE_BASE
+from guise.aam.beard import beard
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask
 from guise.aam.mirror import mirror_image
@@ -46,6 +45,7 @@ class EvenLightLimits:
     gain: tuple[float, float] = (0.4, 2.5)  # of a channel
     glint_logarithm: float = 0.05  # by which a place gleams more than the skin around it at most
     chroma_logarithm: float = 0.08  # by which it is of another colour at most, either way
+    beard_face_widths: float = 0.04  # standard deviation, over which a beard ends
     black_grey_levels: float = 4.0  # added before logarithms and ratios are taken
 
 
@@ -54,21 +54,22 @@ LIMITS = EvenLightLimits()
 
 def evenly_lit(identity: Identity) -> Identity:
     """The same person with a neutral texture as in even light, which gleams no more than in that."""
-    texture = without_glints(even_texture(identity.appearance), identity.reference)
+    texture = without_glints(even_texture(identity), identity.reference)
     return replace(identity, appearance=identity.appearance.with_neutral_texture(texture))
 
 
-def even_texture(appearance: AppearanceModel) -> F32:
-    """(h, w, 3) a neutral texture as in even light."""
-    reference = appearance.reference
-    texture = reference.scatter(appearance.neutral_texture)
+def even_texture(identity: Identity) -> F32:
+    """(h, w, 3) the neutral texture as in even light."""
+    reference = identity.reference
+    texture = reference.scatter(identity.appearance.neutral_texture)
     hard = unevenness(texture, reference)
     free, spread = (
         float(np.interp(hard, LIMITS.uneven, ends))
         for ends in (LIMITS.free_deviations, LIMITS.spread_face_widths)
     )
     texture = symmetric(texture, reference)
-    return np.asarray(texture * _gain(texture, reference, free, spread), np.float32)
+    hair, _ = beard(identity.rest_frame, reference)
+    return np.asarray(texture * _gain(texture, hair, reference, free, spread), np.float32)
 
 
 def unevenness(texture: F32, reference: ReferenceFrame) -> float:
@@ -105,9 +106,10 @@ def shading(texture: F32, reference: ReferenceFrame) -> tuple[F32, F32]:
     return np.asarray(values * skin[..., None]), local
 
 
-def _gain(texture: F32, reference: ReferenceFrame, free: float, spread: float) -> F32:
+def _gain(texture: F32, hair: F32, reference: ReferenceFrame, free: float, spread: float) -> F32:
     """(h, w, 3) factors that bring a texture's shading near to what people have in even light.
 
+    hair : (h, w) share of a beard, which doesn't become brighter.
     free : deviations of other people's shading within which nothing is changed.
     spread : standard deviation over which a change is averaged, face widths.
     """
@@ -118,8 +120,8 @@ def _gain(texture: F32, reference: ReferenceFrame, free: float, spread: float) -
     soft = LIMITS.soft_deviations * deviation
     beyond = np.maximum(np.abs(away) - free * deviation, 0)
     change = np.sign(away) * (_softly(beyond, soft) - beyond)
-    may_be_beard = np.arange(reference.size[0]) > reference.points[NOSE_BASE, 1]
-    change[may_be_beard] *= (change[may_be_beard, :, :1] < 0).astype(np.float32)
+    hair = cv2.GaussianBlur(hair, (0, 0), LIMITS.beard_face_widths * reference.resolution)
+    change *= 1 - hair[..., None] * (change[..., :1] > 0)
     skin = skin_mask(reference).astype(np.float32)
     weight = cv2.GaussianBlur(skin, (0, 0), spread * reference.resolution) + LIMITS.spread_face_widths[1]
     luma, red, blue = np.moveaxis(

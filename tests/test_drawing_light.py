@@ -8,12 +8,12 @@ import pytest
 from drawing import RGB, pass_time, textured
 from numpy.testing import assert_allclose
 
-from guise.aam.landmarks.schemes import LEFT_BROW, RIGHT_BROW
-from guise.aam.light import grid_places
+from guise.aam.landmarks.schemes import LEFT_BROW, LEFT_EYE, RIGHT_BROW, RIGHT_EYE
+from guise.aam.light import LUMA, grid_places
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
 from guise.app.drawing.memory import Memory
-from guise.app.drawing.passes.light import QuotientLight
+from guise.app.drawing.passes.light import LIMITS, QuotientLight
 from guise.app.media import ColourMatrix
 from guise.common.arrays import F32
 from guise.common.decay import FRAME_SECONDS
@@ -183,3 +183,45 @@ def test_skin_that_comes_out_of_hiding_is_looked_at() -> None:
         light.show(face(), seen)
     at_once = lit(light_fitted(face(), seen), face())
     assert np.abs(light(face()) - at_once)[SKIN].mean() < 2
+
+
+def test_light_changes_as_fast_at_any_frame_rate() -> None:
+    """A fifth of a second after a shadow fell on a half."""
+    after, shadow = [], np.where(PLACES[:, :1] > 0, np.float32(0.8), 1) * face()
+    for rate in (25, 30, 60):
+        light = light_fitted(face(), face())
+        for _ in range(rate // 5):
+            light.show(face(), shadow, seconds=1 / rate)
+        after.append(lit(light, face()))
+    assert np.abs(after[1] - shadow)[SKIN].mean() > 0.3  # it is on its way
+    for other in (after[0], after[2]):
+        assert np.abs(other - after[1])[SKIN].mean() < 0.05
+
+
+def test_noise_is_not_amplified_beyond_the_contrast() -> None:
+    light = light_fitted(face(), np.minimum(face() * np.float32(3.5), 255))
+    noise = np.random.default_rng(1).normal(0, 3, (len(PLACES), 1)).astype(np.float32)
+    grown = (light(face() + noise) - light(face())) @ LUMA
+    low, high = LIMITS.contrast
+    quiet = np.abs(noise[SKIN, 0])
+    assert np.median(np.abs(grown[SKIN]) / quiet) <= 1.05 * high
+    assert low <= light.contrast <= high
+
+
+def test_a_face_that_is_held_is_not_measured() -> None:
+    light = light_fitted(face(), face())
+    before = light(face())
+    pass_time(light.memory)
+    light.light.measure(textured(face() * np.float32(0.3)), light.memory)
+    assert_allclose(light(face()), before)
+
+
+def test_the_eyes_of_a_dark_face_stay_white_on_a_fair_head() -> None:
+    eyes = soft_parts(FRAME, (RIGHT_EYE, LEFT_EYE), 0.0)[FRAME.mask] > 0.9
+    fair, dark = (np.tile(np.float32(skin), (len(PLACES), 1)) for skin in ((210, 165, 140), (95, 60, 40)))
+    for texture in (fair, dark):
+        texture[soft_parts(FRAME, (RIGHT_EYE, LEFT_EYE), 0.0)[FRAME.mask] > 0.4] = 150
+    light = light_fitted(dark, fair, person=fair)
+    made = light(dark)
+    assert_allclose(made[SKIN].mean(0), (210, 165, 140), rtol=0.05)
+    assert np.ptp(made[eyes].mean(0)) < 6

@@ -113,18 +113,6 @@ class FaceLight:
 
 
 @dataclass
-class WideLightMemory:
-    """(3, h, w) the face's local means and their ratios to what the frame shows, (2,) ratios of eyes and mouth, and the
-    colour (3,) of the light on whites.
-    """
-
-    own: F32 | None = None
-    ratio: F32 | None = None
-    parts: F64 = field(default_factory=lambda: np.ones(2))
-    tint: F32 | None = None
-
-
-@dataclass
 class PaperLightMemory:
     """(3, 3) similarity of colours, (8, 3) fields of light of the face and of the frame, and the brightest skin."""
 
@@ -170,6 +158,5 @@ class Memory:
     lids: LidMemory = field(default_factory=LidMemory)
     gaze: GazeMemory = field(default_factory=GazeMemory)
     light: FaceLight | None = None
-    wide_light: WideLightMemory = field(default_factory=WideLightMemory)
     paper_light: PaperLightMemory = field(default_factory=PaperLightMemory)
     surface: SurfaceMemory = field(default_factory=SurfaceMemory)

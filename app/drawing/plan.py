@@ -39,8 +39,8 @@ from guise.app.drawing.passes.forehead import Hairline, outward, strands
 from guise.app.drawing.passes.irises import Gaze, IrisChange, IrisTint
 from guise.app.drawing.passes.light import QuotientLight
 from guise.app.drawing.passes.mouth import InnerMouth
+from guise.app.drawing.passes.paper_light import PaperLight
 from guise.app.drawing.passes.place import Place, RigidPlace, proportions
-from guise.app.drawing.passes.plain_light import PaperLight, WideLight
 from guise.app.drawing.passes.surface import Finish, OwnSkin
 from guise.app.drawing.passes.texture import Enlargement, PlainTexture, Texture
 from guise.app.drawing.passes.turned import Folds, Silhouette, whole_cosines
@@ -130,7 +130,7 @@ def _iris_change(person: TrackedPerson, donor: Donor, rgb: F32) -> IrisChange | 
 def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     """A donor's face in the light of the scene, with what is in front of the person's and their gaze."""
     own, reference = person.identity.appearance, person.identity.reference
-    even = own.with_neutral_texture(even_texture(own))
+    even = own.with_neutral_texture(even_texture(person.identity))
     own_beard, goes_on = beard(person.identity.rest_frame, reference)
     beards = np.zeros_like(own_beard) if goes_on else np.maximum(own_beard, donor.beard)
     shown, relief = toned(donor.clean.appearance, even, rim=1 - beards), Relief.shipped(reference)
@@ -198,7 +198,8 @@ def _glasses(donor: Donor, transfer: ShapeTransfer, reference: ReferenceFrame) -
 def _disguise(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     """A face in other proportions, whose forehead, eyes and mouth are drawn anew."""
     own, reference = person.identity.appearance, person.identity.reference
-    shown, relief = toned(donor.clean.appearance, own), Relief.shipped(reference)
+    even = own.with_neutral_texture(even_texture(person.identity))
+    shown, relief = toned(donor.clean.appearance, even), Relief.shipped(reference)
     rgb = shown.neutral_texture
     texture = _fitted(person, donor, shown, look)
     mask, texels, moved = reference.mask, person.texels, proportions(reference)
@@ -213,7 +214,7 @@ def _disguise(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     gaze = Gaze(person.irises, person.at_rest)
     eyeballs = Eyeballs(reference, Irises.at_rest(reference, donor.at_rest, rgb), donor.at_rest, rgb)
     mouth = InnerMouth(reference, donor.at_rest)
-    light = WideLight(reference, texels, mask, (person.texture, rgb))
+    light = QuotientLight(reference, texels, mask, (even.neutral_texture, rgb))
     silhouette, folds = Silhouette(relief, texels), Folds(relief)
     surface = Finish(reference, mask)
     own_lids = Apertures(reference, person.at_rest, (), (), None, EYES)
