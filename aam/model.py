@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,6 @@ from guise.aam.appearance import (
     appearance_vectors,
     sample_texture,
 )
-from guise.aam.light import LUMA
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.tracker import POSE_ENTRIES, Quality, Tracker
 from guise.aam.view_textures import ViewTextures
@@ -33,8 +31,6 @@ from guise.common.files import write_whole
 
 FORMAT = "guise-identity"
 VERSION, COMPACT_VERSION = 1, 2
-BLACK_QUANTILE = 0.001  # of a picture's brightness
-USUAL_BLACK_GREY_LEVELS = 20.0  # of that in a clear picture, in which seldom anything is quite black
 KNOWN_REST = "known_rest"  # fact: whether a user chose the frame in which the face is at rest
 _VECTORS = ("appearance.mean", "neutral")  # appearance vectors that a compact file splits
 
@@ -49,11 +45,6 @@ class RestFrame:
 
     picture: U8
     shape: F64
-
-    @cached_property
-    def black(self) -> float:
-        """Grey level of what would be black: stray light, or a camera, lays a veil over some pictures."""
-        return max(float(np.quantile(self.picture @ LUMA, BLACK_QUANTILE)) - USUAL_BLACK_GREY_LEVELS, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

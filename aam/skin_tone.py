@@ -1,4 +1,9 @@
-"""A face whose skin takes another tone: what would be exaggerated by that is eased.
+"""A face fit for another's picture: as contrasty as theirs, and in the tone of their skin with nothing exaggerated.
+
+Haze, flare and the curve of a camera lift what is dark in one clip more than in another, and a ratio of skin tones
+would lift it as well: on a fair head the pupils of a dark face would be grey.  But everybody's pupils and lashes are
+black.  So of a face in which these are brighter against its skin than in another, as much grey is taken off that both
+are alike; of one in which they are darker, a little is added, as fair lashes are not black.
 
 Light that is measured on skin holds the two skin tones as well, and dark skin on a fair face gets several times its
 brightness: the tints of its cheeks and eye sockets become blotches, and dark lips grey or mauve.  The farther the tones
@@ -29,6 +34,9 @@ from guise.common.small import ramps
 class SkinToneLimits:
     """By how much two tones differ, and what follows from it."""
 
+    eye_growth_face_widths: float = 0.02  # around the eyes, lashes included
+    darkest_quantile: float = 0.02  # of the luma there: pupils and lashes
+    stretch: tuple[float, float] = (0.9, 1.5)  # of differences from the skin, by which they become as dark
     alike: float = 0.11  # logarithm of brightness over brightness, up to which tones are alike
     easing: float = 3.3  # of tints, for each logarithm beyond
     tint_face_widths: float = 0.15  # standard deviation of the means that tints differ from
@@ -46,17 +54,29 @@ BLACK = np.float32(EVEN_LIGHT.black_grey_levels)  # added before logarithms are 
 
 
 def toned(face: AppearanceModel, person: AppearanceModel, *, rim: F32 | None = None) -> AppearanceModel:
-    """A face with a neutral texture fit for a person's skin tone.
+    """A face with a neutral texture fit for a person's contrast and skin tone.
 
     rim : (h, w) share in [0, 1] of bare skin in both, by which the face goes over into theirs at its border; None if
         it does not.
     """
     reference = face.reference
     texture, other = (reference.scatter(one.neutral_texture) for one in (face, person))
-    fit = in_tone_of(texture, other, reference)
+    fit = in_tone_of(in_contrast_of(texture, other, reference), other, reference)
     if rim is not None:
         fit = with_rim_of(fit, other, rim, reference)
     return face.with_neutral_texture(fit)
+
+
+def in_contrast_of(texture: F32, other: F32, reference: ReferenceFrame) -> F32:
+    """A neutral texture (h, w, 3) whose eyes are as dark against its skin as those of another."""
+    eyes = soft_parts(reference, (RIGHT_EYE, LEFT_EYE), LIMITS.eye_growth_face_widths)[reference.mask] > 0.5
+    skin = skin_mask(reference)[reference.mask]
+    lumas = [one[reference.mask] @ LUMA for one in (texture, other)]
+    tones = [float(luma[skin].mean()) for luma in lumas]
+    dark = [float(np.quantile(luma[eyes], LIMITS.darkest_quantile)) for luma in lumas]
+    own, others = (1 - each / tone for each, tone in zip(dark, tones, strict=True))
+    stretch = float(np.clip(others / max(own, 1e-3), *LIMITS.stretch))
+    return np.asarray(texture - np.float32(tones[0] * (1 - 1 / stretch)), np.float32)
 
 
 def in_tone_of(texture: F32, other: F32, reference: ReferenceFrame) -> F32:

@@ -9,11 +9,11 @@ from drawing import RGB, pass_time, textured
 from numpy.testing import assert_allclose
 
 from guise.aam.landmarks.schemes import LEFT_BROW, LEFT_EYE, RIGHT_BROW, RIGHT_EYE
-from guise.aam.light import LUMA, grid_places
+from guise.aam.light import grid_places
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
 from guise.app.drawing.memory import Memory
-from guise.app.drawing.passes.light import LIMITS, QuotientLight
+from guise.app.drawing.passes.light import QuotientLight
 from guise.app.media import ColourMatrix
 from guise.common.arrays import F32
 from guise.common.decay import FRAME_SECONDS
@@ -37,9 +37,8 @@ def face() -> F32:
 class Lit:
     """A light with what it remembers."""
 
-    def __init__(self, own: F32, person: F32 | None = None, blacks: tuple[float, float] = (0.0, 0.0)) -> None:
-        enrolled = own if person is None else person, own
-        self.light = QuotientLight(FRAME, TEXELS, FRAME.mask, enrolled, blacks)
+    def __init__(self, own: F32, person: F32 | None = None) -> None:
+        self.light = QuotientLight(FRAME, TEXELS, FRAME.mask, (own if person is None else person, own))
         self.memory = Memory()
 
     def show(self, own: F32, seen: F32, visible: F32 | None = None, seconds: float = FRAME_SECONDS) -> None:
@@ -108,16 +107,11 @@ def test_the_face_takes_the_tone_of_the_persons_skin() -> None:
     assert_allclose(np.median(made[SKIN] / face()[SKIN], axis=0), 0.8, rtol=0.08)
 
 
-def test_brows_keep_their_darkness_in_more_light_and_from_a_veiled_clip() -> None:
-    """What a veil of stray light does to the face's clip, it does not do to the frame, whose own veil lies on all."""
-    dim, black, brow = np.float32(0.4) * face(), 25.0, BROWS & ~SKIN
-    for veils in ((0.0, 0.0), (0.0, black), (black, 0.0)):
-        person, shown = face() + np.float32(veils[0]), dim + np.float32(veils[1])
-        light = Lit(shown, person, veils)
-        light.show(shown, person)
-        made = light(shown) - np.float32(veils[0])
-        assert_allclose(np.median(made[brow] / face()[brow]), 1.0, atol=0.1)
-        assert_allclose(np.median(made[SKIN] / face()[SKIN]), 1.0, atol=0.06)
+def test_brows_keep_their_darkness_in_more_light() -> None:
+    dim, brow = np.float32(0.4) * face(), BROWS & ~SKIN
+    made = lit(light_fitted(dim, face(), person=face()), dim)
+    assert_allclose(np.median(made[brow] / face()[brow]), 1.0, atol=0.1)
+    assert_allclose(np.median(made[SKIN] / face()[SKIN]), 1.0, atol=0.06)
 
 
 def test_what_the_face_expresses_does_not_shade_its_skin_twice() -> None:
@@ -198,16 +192,6 @@ def test_light_changes_as_fast_at_any_frame_rate() -> None:
         assert np.abs(other - after[1])[SKIN].mean() < 0.05
 
 
-def test_noise_is_not_amplified_beyond_the_contrast() -> None:
-    light = light_fitted(face(), np.minimum(face() * np.float32(3.5), 255))
-    noise = np.random.default_rng(1).normal(0, 3, (len(PLACES), 1)).astype(np.float32)
-    grown = (light(face() + noise) - light(face())) @ LUMA
-    low, high = LIMITS.contrast
-    quiet = np.abs(noise[SKIN, 0])
-    assert np.median(np.abs(grown[SKIN]) / quiet) <= 1.05 * high
-    assert low <= light.contrast <= high
-
-
 def test_a_face_that_is_held_is_not_measured() -> None:
     light = light_fitted(face(), face())
     before = light(face())
@@ -224,4 +208,4 @@ def test_the_eyes_of_a_dark_face_stay_white_on_a_fair_head() -> None:
     light = light_fitted(dark, fair, person=fair)
     made = light(dark)
     assert_allclose(made[SKIN].mean(0), (210, 165, 140), rtol=0.05)
-    assert np.ptp(made[eyes].mean(0)) < 6
+    assert np.ptp(made[eyes].mean(0)) < 12  # in the light on skin it would be 30

@@ -11,15 +11,7 @@ from safetensors import safe_open
 from safetensors.numpy import save_file
 
 from guise.aam.appearance import Components
-from guise.aam.model import (
-    COMPACT_VERSION,
-    FORMAT,
-    USUAL_BLACK_GREY_LEVELS,
-    VERSION,
-    Identity,
-    ModelError,
-    RestFrame,
-)
+from guise.aam.model import COMPACT_VERSION, FORMAT, VERSION, Identity, ModelError
 from guise.aam.person_tracker import PersonTracker
 from guise.aam.tracker import Fit
 from guise.common.errors import GuiseError
@@ -226,13 +218,3 @@ def test_an_identity_says_what_it_is_in_one_line(saved: Path) -> None:
     assert text.startswith("p01: ")
     assert "96 pixels across the face" in text
     assert "\n" not in text
-
-
-def test_a_veil_over_the_picture_is_told_from_what_is_darkest_in_it() -> None:
-    picture = np.random.default_rng(0).integers(0, 180, (60, 80, 3)).astype(np.uint8)
-    picture[:10] = 0
-    shape = np.zeros((81, 2))
-    assert RestFrame(picture, shape).black == 0
-    assert RestFrame(picture + np.uint8(50), shape).black == pytest.approx(
-        50 - USUAL_BLACK_GREY_LEVELS, abs=1
-    )

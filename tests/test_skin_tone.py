@@ -1,8 +1,9 @@
 """A face whose skin takes a tone far from its own keeps fewer of its tints; at its border it is the person's skin."""
 
 import numpy as np
+import pytest
 from made_up import FRAME
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose
 from test_turned_texture import enrolled
 
 from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel
@@ -10,10 +11,11 @@ from guise.aam.landmarks.schemes import CHIN, LEFT_EYE, LIPS, RIGHT_EYE
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
-from guise.aam.skin_tone import LIMITS, distance_inside, toned, with_rim_of
+from guise.aam.skin_tone import LIMITS, distance_inside, in_contrast_of, toned, with_rim_of
 from guise.common.arrays import F32
 
 SKIN = skin_mask(FRAME)[FRAME.mask]
+EYE = soft_parts(FRAME, (RIGHT_EYE, LEFT_EYE), 0.0)[FRAME.mask] > 0.5
 LIP = soft_parts(FRAME, (LIPS,), 0.0)[FRAME.mask] > 0.9
 SPOTS = SKIN & (FRAME.pixels % 8 < 2)
 FAIR, DARK = (210, 165, 140), (80, 52, 40)
@@ -21,10 +23,11 @@ PINK, MAUVE = (200, 110, 110), (62, 44, 42)
 
 
 def person(skin: tuple[int, int, int], lips: tuple[int, int, int], redness: float = 1.0) -> AppearanceModel:
-    """Somebody with spots so much redder than their skin."""
+    """Somebody with black eyes and spots so much redder than their skin."""
     texture = np.tile(np.array(skin, np.float32), (len(FRAME.pixels), 1))
     texture[SPOTS] *= (redness, 1, 1)
     texture[LIP] = lips
+    texture[EYE] = np.float32(skin) / 5
     return enrolled(0, texture).appearance
 
 
@@ -40,8 +43,8 @@ def redness(texture: F32) -> float:
 
 def test_a_face_of_the_same_tone_is_left_alone() -> None:
     donor = person(FAIR, PINK, 1.3)
-    same = toned(donor, person((200, 160, 140), MAUVE))
-    assert_array_equal(texture_of(same), texture_of(donor))
+    same = toned(donor, person((200, 160, 140), MAUVE, 1.3))
+    assert_allclose(texture_of(same), texture_of(donor), atol=2)
 
 
 def test_tints_are_eased_and_brightness_stays() -> None:
@@ -87,3 +90,44 @@ def test_at_its_border_a_face_is_the_persons_and_inside_its_own() -> None:
     np.testing.assert_allclose(shaven[jaw], 1, atol=1e-3)
     assert made[jaw & (inside < 0.08)].mean() < 0.95 * made[jaw & (inside > 0.12)].mean()
     np.testing.assert_allclose(made[skin & (inside > LIMITS.rim_face_widths)], 1, atol=1e-3)
+
+
+def eyed(skin: float, black: float, haze: float = 0.0) -> F32:
+    """Somebody with black eyes, seen through haze."""
+    texture = np.full((len(FRAME.pixels), 3), skin + haze, np.float32)
+    texture[EYE] = black + haze
+    return FRAME.scatter(texture)
+
+
+def darkness(face: F32) -> float:
+    """Luma of the eyes over that of the skin."""
+    luma = face[FRAME.mask] @ LUMA
+    return float(luma[EYE].mean() / luma[SKIN].mean())
+
+
+def contrasty(face: F32, other: F32) -> F32:
+    return in_contrast_of(face, other, FRAME)
+
+
+def test_haze_is_taken_off_on_a_clear_picture_and_added_on_a_hazy_one() -> None:
+    clear, hazy, hardly = eyed(150, 30), eyed(150, 30, haze=25), eyed(150, 30, haze=10)
+    assert_allclose(darkness(contrasty(hazy, clear)), 0.2, atol=0.01)
+    assert_allclose(darkness(contrasty(clear, hardly)), 40 / 160, atol=0.01)
+
+
+def test_the_pupils_of_a_dark_face_are_black_on_a_fair_head() -> None:
+    fair, dark = eyed(160, 25), eyed(75, 25)
+    assert_allclose(darkness(contrasty(dark, fair)) * 160, 25, atol=1)
+
+
+def test_faces_of_the_same_contrast_are_left_alone() -> None:
+    face = eyed(120, 30)
+    assert_allclose(contrasty(face, eyed(160, 40)), face, atol=1e-3)
+
+
+@pytest.mark.parametrize(("face", "other"), [(140.0, 5.0), (5.0, 140.0)])
+def test_contrast_changes_within_limits(face: float, other: float) -> None:
+    before = eyed(150, face)
+    after = contrasty(before, eyed(150, other))
+    stretch = (1 - darkness(after)) / (1 - darkness(before))
+    assert_allclose(stretch, LIMITS.stretch[1 if face > other else 0], rtol=0.01)

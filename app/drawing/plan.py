@@ -151,10 +151,7 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
         np.minimum(own_beard, beards), look, reference
     )
     place = Place(reference, np.eye(POINTS), beyond)
-    light = QuotientLight(
-        reference, texels, mask, (even.neutral_texture, rgb),
-        (person.identity.rest_frame.black, donor.enrolled.rest_frame.black),
-    )  # fmt: skip
+    light = QuotientLight(reference, texels, mask, (even.neutral_texture, rgb))
     silhouette, folds = Silhouette(relief, texels), Folds(relief)
     surface, own_skin = Finish(reference, mask), OwnSkin(relief)
     enlargement = Enlargement(donor.clean.detail, cv2.INTER_CUBIC)

@@ -4,9 +4,8 @@ That person is enrolled: the frame over their own face in even light, at the sam
 quotient image of Shashua and Riklin-Raviv 2001), with what is misplaced and what expressions change.  The face that
 is shown has no part in it, so that no difference between the two people can pass for light: neither a beard nor the
 form of an eye socket shines through.  Means of skin on a coarse grid are divided, over so little of the neighbourhood
-that shadows keep their edges.  One ratio of the two people's skin gives the face the person's tone.  A veil of stray
-light in either clip is no light on skin: all is divided over its black.  Eyes and the inside of the mouth get the
-light of the whole face, in the tint of the light on whites.  RGB 0..255.
+that shadows keep their edges.  One ratio of the two people's skin gives the face the person's tone.  Eyes and
+the inside of the mouth get the light of the whole face, in the tint of the light on whites.  RGB 0..255.
 """
 
 from __future__ import annotations
@@ -55,13 +54,9 @@ class QuotientLight:
     mask : (h, w) bool, where the face is shown.
     enrolled : neutral RGB (n, 3) in even light of the frame's person and of the face, in the reference frame's mask
         pixels.
-    blacks : grey level of what is black in the clips of both.
     """
 
-    def __init__(
-        self, reference: ReferenceFrame, texels: Int, mask: Bool, enrolled: tuple[F32, F32],
-        blacks: tuple[float, float] = (0.0, 0.0),
-    ) -> None:  # fmt: skip
+    def __init__(self, reference: ReferenceFrame, texels: Int, mask: Bool, enrolled: tuple[F32, F32]) -> None:
         grid = CoarseGrid(reference, LIMITS.cell_face_widths)
         self._skin = texels[(skin_mask(reference) & mask)[reference.mask][texels]]
         self._in_seen = np.flatnonzero(np.isin(texels, self._skin))
@@ -69,11 +64,7 @@ class QuotientLight:
         self._at_pixels = CellReader(grid.places())
         self._smoother = grid.smoother(LIMITS.width_face_widths)
         self._own, self._at_rest = (np.maximum(texture, 0)[self._skin] for texture in enrolled)
-        self._black, self._face_black = (np.float32(black) - BLACK for black in blacks)
-        own_tone, tone = (
-            np.exp(mean(np.log(np.maximum(rgb - black, BLACK)), 0))
-            for rgb, black in ((self._own, self._black), (self._at_rest, self._face_black))
-        )
+        own_tone, tone = (np.exp(mean(np.log(rgb + BLACK), 0)) for rgb in (self._own, self._at_rest))
         self._tone = np.asarray(own_tone / tone, np.float32)[:, None, None]
         self._every = np.ones(len(self._skin), np.float32)
         self._parts = _Parts(reference)
@@ -118,12 +109,12 @@ class QuotientLight:
 
     def _ratio(self, sums: F32) -> F32:
         """(3, h, w) of the frame's colours over the person's own, from sums (7, h, w) of both and of weights."""
-        means = np.maximum(self._smoother.means(sums) - self._black, BLACK)
+        means = self._smoother.means(sums) + BLACK
         return _within(np.divide(means[3:], means[:3]), LIMITS.ratio)
 
     def _map(self, ratio: F32) -> F32:
         """(6, h, w) gain and offset that multiply the face's colours, over its black, by a ratio (3, h, w)."""
-        return np.concatenate([ratio, self._black - self._face_black * ratio])
+        return np.concatenate([ratio, BLACK * (ratio - 1)])
 
     def _moved_skin(self, face: F32) -> F32:
         """(3, h, w) by how much the skin of the face's RGB (t, 3) is off from that at rest.
