@@ -23,6 +23,7 @@ from guise.aam.mask import skin_mask
 from guise.aam.mirror import mirror_image
 from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
+from guise.aam.skin_tone import BLACK, local_mean
 from guise.common.arrays import F32
 
 DATA = Path(__file__).parent / "data" / "shading.npz"
@@ -46,7 +47,6 @@ class EvenLightLimits:
     glint_logarithm: float = 0.05  # by which a place gleams more than the skin around it at most
     chroma_logarithm: float = 0.08  # by which it is of another colour at most, either way
     beard_face_widths: float = 0.04  # standard deviation, over which a beard ends
-    black_grey_levels: float = 4.0  # added before logarithms and ratios are taken
 
 
 LIMITS = EvenLightLimits()
@@ -120,8 +120,8 @@ def _gain(texture: F32, hair: F32, reference: ReferenceFrame, free: float, sprea
     soft = LIMITS.soft_deviations * deviation
     beyond = np.maximum(np.abs(away) - free * deviation, 0)
     change = np.sign(away) * (_softly(beyond, soft) - beyond)
-    hair = cv2.GaussianBlur(hair, (0, 0), LIMITS.beard_face_widths * reference.resolution)
-    change *= 1 - hair[..., None] * (change[..., :1] > 0)
+    stays = cv2.GaussianBlur(hair, (0, 0), LIMITS.beard_face_widths * reference.resolution)
+    change *= 1 - stays[..., None] * (change[..., :1] > 0)
     skin = skin_mask(reference).astype(np.float32)
     weight = cv2.GaussianBlur(skin, (0, 0), spread * reference.resolution) + LIMITS.spread_face_widths[1]
     luma, red, blue = np.moveaxis(
@@ -139,7 +139,7 @@ def without_glints(texture: F32, reference: ReferenceFrame) -> F32:
     """A texture (h, w, 3) whose skin gleams and is coloured only a little beyond its local means."""
     skin = skin_mask(reference).astype(np.float32)
     local = local_mean(texture, skin, LIMITS.shading_face_widths * reference.resolution)
-    seen = np.maximum(texture, 0) + LIMITS.black_grey_levels
+    seen = np.maximum(texture, 0) + BLACK
     luma, local_luma = seen @ LUMA, local @ LUMA
     gleam = np.log(luma / local_luma)
     gleam = np.where(gleam > 0, _softly(gleam, LIMITS.glint_logarithm), gleam)
@@ -150,24 +150,9 @@ def without_glints(texture: F32, reference: ReferenceFrame) -> F32:
     return np.asarray(texture + (skin * spread)[..., None] * (dull - seen), np.float32)
 
 
-def with_tints(seen: F32, local: F32, share: F32) -> F32:
-    """A texture (h, w, 3), over black, with a share (h, w) of its tints against its local means, and its brightness."""
-    luma = (seen @ LUMA)[..., None]
-    tints = np.log(seen / local * ((local @ LUMA)[..., None] / luma))
-    eased = local * np.exp(share[..., None] * tints)
-    return np.asarray(eased * (luma / (eased @ LUMA)[..., None]), np.float32)
-
-
 def _softly(values: F32, limit: F32 | float) -> F32:
     """Values within a limit, those near 0 as they are."""
     return np.asarray(limit * np.tanh(values / limit), np.float32)
-
-
-def local_mean(texture: F32, weight: F32, sigma: float) -> F32:
-    """Means (h, w, 3) over black of a texture around each place, with weights (h, w)."""
-    sums = cv2.GaussianBlur(texture * weight[..., None], (0, 0), sigma)
-    weights = cv2.GaussianBlur(weight, (0, 0), sigma)[..., None]
-    return np.asarray(sums / (weights + 1e-3) + np.float32(LIMITS.black_grey_levels), np.float32)
 
 
 @lru_cache(maxsize=4)

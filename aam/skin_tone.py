@@ -20,8 +20,6 @@ import cv2
 import numpy as np
 
 from guise.aam.appearance import AppearanceModel
-from guise.aam.even_light import LIMITS as EVEN_LIGHT
-from guise.aam.even_light import local_mean, with_tints
 from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, LIPS, RIGHT_EYE
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
@@ -50,7 +48,7 @@ class SkinToneLimits:
 
 
 LIMITS = SkinToneLimits()
-BLACK = np.float32(EVEN_LIGHT.black_grey_levels)  # added before logarithms are taken
+BLACK = np.float32(4)  # grey levels, added before logarithms and ratios are taken
 
 
 def toned(face: AppearanceModel, person: AppearanceModel, *, rim: F32 | None = None) -> AppearanceModel:
@@ -135,7 +133,22 @@ def _eased(texture: F32, share: F32, skin: Bool, reference: ReferenceFrame) -> F
     local = local_mean(texture, skin.astype(np.float32), LIMITS.tint_face_widths * reference.resolution)
     surface = (soft_parts(reference, (RIGHT_EYE, LEFT_EYE, INNER_LIPS), 0.0) < 0.5).astype(np.float32)
     weight = cv2.GaussianBlur(surface, (0, 0), LIMITS.spread_face_widths * reference.resolution)[..., None]
-    return np.asarray(seen + weight * (with_tints(seen, local, share) - seen), np.float32)
+    return np.asarray(seen + weight * (_with_tints(seen, local, share) - seen), np.float32)
+
+
+def _with_tints(seen: F32, local: F32, share: F32) -> F32:
+    """A texture (h, w, 3), over black, with a share (h, w) of its tints against its local means, and its brightness."""
+    luma = (seen @ LUMA)[..., None]
+    tints = np.log(seen / local * ((local @ LUMA)[..., None] / luma))
+    eased = local * np.exp(share[..., None] * tints)
+    return np.asarray(eased * (luma / (eased @ LUMA)[..., None]), np.float32)
+
+
+def local_mean(texture: F32, weight: F32, sigma: float) -> F32:
+    """Means (h, w, 3) over black of a texture around each place, with weights (h, w)."""
+    sums = cv2.GaussianBlur(texture * weight[..., None], (0, 0), sigma)
+    weights = cv2.GaussianBlur(weight, (0, 0), sigma)[..., None]
+    return np.asarray(sums / (weights + 1e-3) + BLACK, np.float32)
 
 
 def _over_black(texture: F32) -> F32:
