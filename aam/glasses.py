@@ -147,31 +147,24 @@ class GlassesOnHead:
 
     def ratio(self, front: F64, across: F64, corner: tuple[int, int], size: tuple[int, int]) -> F32:
         """(h, w) in a rectangle of the picture that begins at a corner."""
-        (x0, y0), (h, w) = corner, size
-        pixels = np.stack(np.meshgrid(np.arange(x0, x0 + w), np.arange(y0, y0 + h)), -1).astype(np.float32)
-        places = cv2.transform(pixels, cv2.invertAffineTransform(front))
-        for side, hinge, slope in self.arms:
-            arm, beyond = front.copy(), side * (places[..., 0] - hinge) > 0
-            arm[:, 0] += slope * across
-            arm[:, 2] -= slope * hinge * across
-            if np.linalg.det(arm[:, :2]) > 0:
-                on_arm = cv2.transform(pixels, cv2.invertAffineTransform(arm))
-                places = np.where(beyond[..., None], on_arm, places)
-            else:  # hidden behind the rest
-                places[beyond] = -2
-        scale = math.sqrt(abs(float(np.linalg.det(front[:, :2]))))
-        ratio = self.worn.ratio
+        ratio, scale = self.worn.ratio, math.sqrt(abs(float(np.linalg.det(front[:, :2]))))
         if scale < LIMITS.blurred_from:
             ratio = np.asarray(cv2.GaussianBlur(ratio, (0, 0), LIMITS.blur / scale), np.float32)
-        seen = cv2.remap(
-            ratio,
-            places.astype(np.float32),
-            None,
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_CONSTANT,
-            borderValue=(1,),
-        )  # type: ignore[call-overload]
-        return np.asarray(seen, np.float32)
+        at, made = front.copy(), np.ones(size, np.float32)
+        at[:, 2] -= corner
+        columns = np.arange(ratio.shape[1])
+        outer = [side * (columns - hinge) > 0 for side, hinge, _ in self.arms]
+        parts = [(~np.logical_or.reduce(outer), at)]
+        for beyond, (_, hinge, slope) in zip(outer, self.arms, strict=True):
+            arm = at.copy()
+            arm[:, 0] += slope * across
+            arm[:, 2] -= slope * hinge * across
+            if np.linalg.det(arm[:, :2]) > 0:  # else hidden behind the rest
+                parts.append((beyond, arm))
+        for part, there in parts:
+            part_only = np.where(part, ratio, np.float32(1))
+            made *= cv2.warpAffine(part_only, there, size[::-1], flags=cv2.INTER_LINEAR, borderValue=(1,))
+        return made
 
 
 def _eyes(points: F64) -> tuple[F64, F64]:
