@@ -6,16 +6,14 @@ and its lower edge break where triangles meet.  So each place of the texture bel
 as it is drawn, and the skin from the brow's end to the lid takes up the rest.
 
 A brow of the source may reach beyond the drawn face: its tail at the temple, or an arch above the drawn forehead.  So
-before the face is drawn, what the parsing takes for brows becomes skin as it is beside them, unless both brows lie on
-one line: the drawn one, which ends with the face, goes on in the person's own then.  Hair, glasses and things in front
-of a brow stay.
+before the face is drawn, what the parsing takes for brows becomes skin as it is beside them.  Hair, glasses and things
+in front of a brow stay.
 
 Pixels, x right, y down.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import cv2
@@ -40,7 +38,6 @@ from guise.app.drawing.face import BROW_REACH, BROW_THICKNESS, CELL, GROWTH, Fac
 from guise.app.drawing.memory import Memory
 from guise.common.arrays import F32, F64, U8
 from guise.common.interpolation import interpolation
-from guise.common.small import ramp
 from guise.common.tuned import tuned
 
 
@@ -61,10 +58,6 @@ class BrowCoverLimits:
 
     # up to which nothing is painted over, from which all is
     brow_share: tuple[float, float] = tuned((0.06, 0.25), "share", "landmarks.parsing")
-    # from the drawn brow, up to which one goes on in the other; at twice that it ends
-    apart: float = tuned(0.015, "face widths", "picture.truth")
-    # by which a drawn brow goes on beyond its last point
-    tail: float = tuned(0.1, "face widths", "picture.truth")
     # standard deviation of the weights of the skin beside
     beside: float = tuned(0.05, "face widths", "picture.truth")
     # mean weight, below which nothing is known of it
@@ -117,11 +110,10 @@ class DrawnBrows:
                 strip.keep(face.canvas.picture, drawn, at_rest)
 
     def cover_own(self, face: FaceInFrame, memory: Memory) -> None:
-        """Paint over the head's own brows in the frame where they are not the drawn ones."""
+        """Paint over the head's own brows in the frame."""
         if face.parsed is not None:
             canvas = face.canvas
-            head, drawn = face.head - canvas.corner, face.mesh - canvas.corner
-            cover_brows(canvas.roi, head, drawn, face.parsed, face.zoom * self._width)
+            cover_brows(canvas.roi, face.head - canvas.corner, face.parsed, face.zoom * self._width)
 
 
 def _strips(reference: ReferenceFrame, factor: int) -> list[_Strip]:
@@ -189,15 +181,12 @@ class _Strip:
         return np.where(inside, read, self._heights)
 
 
-def cover_brows(roi: U8, head: F64, drawn: F64, parsing: Parsing, width: float) -> None:
+def cover_brows(roi: U8, head: F64, parsing: Parsing, width: float) -> None:
     """Paint over the brows of a head (81, 2) in a rectangle (h, w, 3) of a frame, in place.
 
-    drawn : (81, 2), the face that is drawn.   parsing : of the rectangle.   width : of the face, pixels.
+    parsing : of the rectangle.   width : of the face, pixels.
     """
-    for brow, outwards in ((RIGHT_BROW, np.s_[::-1]), (LEFT_BROW, np.s_[:])):
-        share = _share_apart(head[brow][outwards], drawn[brow][outwards], width)
-        if share == 0:
-            continue
+    for brow in (RIGHT_BROW, LEFT_BROW):
         reach = BROW_REACH * width
         points = head[brow]
         x0, y0 = np.maximum(np.floor(points.min(0) - reach), 0).astype(int)
@@ -206,28 +195,7 @@ def cover_brows(roi: U8, head: F64, drawn: F64, parsing: Parsing, width: float) 
         if min(x1 - x0, y1 - y0) > 2 * step:
             part = roi[y0:y1, x0:x1]
             brows, skin = _shares(parsing.from_place(x0, y0), part.shape[:2], step)
-            _cover(part, share * brows, skin, width / step)
-
-
-def _share_apart(own: F64, drawn: F64, width: float) -> np.float32:
-    """Share in [0, 1] by which a brow's points (5, 2), the tail's last, do not lie on the drawn one's line."""
-    tail = drawn[-1] - drawn[-2]
-    tail *= COVER.tail * width / max(math.hypot(*tail), 1e-6)
-    line = np.concatenate([drawn, [drawn[-1] + tail]])
-    away = math.sqrt(np.maximum.reduce(_squared_to_line(own[len(own) // 2 :], line)))
-    return np.float32(ramp(away / width, COVER.apart, 2 * COVER.apart))
-
-
-def _squared_to_line(points: F64, line: F64) -> F64:
-    """(p,) squared distances of points (p, 2) from a line through points (n, 2)."""
-    start, along = line[:-1], line[1:] - line[:-1]
-    to = points[:, None] - start
-    share = (to[..., 0] * along[:, 0] + to[..., 1] * along[:, 1]) / np.maximum(
-        along[:, 0] ** 2 + along[:, 1] ** 2, 1e-9
-    )
-    off = to - np.minimum(np.maximum(share, 0), 1)[..., None] * along
-    squared: F64 = np.minimum.reduce(off[..., 0] ** 2 + off[..., 1] ** 2, 1)
-    return squared
+            _cover(part, brows, skin, width / step)
 
 
 def _shares(parsing: Parsing, size: tuple[int, ...], step: int) -> tuple[F32, F32]:
