@@ -218,14 +218,17 @@ class Aperture:
 
     def _in_tone_of(self, here: U8, own: U8, skin: F32) -> U8:
         """The source's shut eye (h, w, 3) with the tone of the skin (h, w) around it in the picture, not of theirs."""
-        weights = cv2.merge([skin + np.float32(MIN_SHARE)] * 3)
-        there, theirs = (
-            cv2.GaussianBlur(cv2.multiply(one, weights, dtype=cv2.CV_32F), (0, 0), self._sigma)
-            for one in (here, own)
+        both = (
+            np.concatenate([here, own, np.ones_like(own[..., :1])], 2)
+            * (skin + np.float32(MIN_SHARE))[..., None]
         )
-        made = own + (there - theirs) / cv2.GaussianBlur(weights, (0, 0), self._sigma)
-        made[..., 0] = own[..., 0] * (there[..., 0] / np.maximum(theirs[..., 0], MIN_SHARE))
-        return np.asarray(np.clip(made + 0.5, 0, 255), np.uint8)
+        sums = cv2.GaussianBlur(both, (0, 0), self._sigma)
+        there, theirs, around = sums[..., :3], sums[..., 3:6], sums[..., 6:]
+        made = own + (there - theirs) / around
+        made[..., 0] = own[..., 0] * (there[..., 0] / (theirs[..., 0] + np.float32(MIN_SHARE)))
+        return np.asarray(
+            cv2.addWeighted(made, 1, made, 0, 0, dtype=cv2.CV_8U), np.uint8
+        )  # rounds and saturates
 
 
 class Apertures:
