@@ -22,6 +22,7 @@ import numpy as np
 from guise.aam.appearance import AppearanceModel
 from guise.aam.brows import BrowFollower
 from guise.aam.landmarks.schemes import (
+    BROWS,
     LEFT_BROW,
     LEFT_EYE_INNER,
     LEFT_EYE_OUTER,
@@ -34,7 +35,7 @@ from guise.aam.landmarks.schemes import (
 )
 from guise.aam.parsing import FaceClass, Parsing
 from guise.aam.reference import MeshSampler, ReferenceFrame
-from guise.app.drawing.face import BROW_REACH, BROW_THICKNESS, CELL, GROWTH, FaceInFrame
+from guise.app.drawing.face import BROW_REACH, BROW_THICKNESS, CELL, GROWTH, FaceInFrame, ramp
 from guise.app.drawing.memory import Memory
 from guise.common.arrays import F32, F64, U8
 from guise.common.interpolation import interpolation
@@ -56,8 +57,10 @@ class BrowStripLimits:
 class BrowCoverLimits:
     """Lengths in face widths, shares of classes."""
 
-    # up to which nothing is painted over, from which all is
+    # of a brow, up to which nothing is painted over, from which all is; of what lies in front, from all to nothing
     brow_share: tuple[float, float] = tuned((0.06, 0.25), "share", "landmarks.parsing")
+    # of skin, from which it begins to tell what is beside
+    bare_share: tuple[float, float] = tuned((0.5, 1.0), "share", "landmarks.parsing")
     # standard deviation of the weights of the skin beside
     beside: float = tuned(0.05, "face widths", "picture.truth")
     # mean weight, below which nothing is known of it
@@ -67,6 +70,7 @@ class BrowCoverLimits:
 LIMITS, COVER = BrowStripLimits(), BrowCoverLimits()
 IN_FRONT = FaceClass.GLASSES, FaceClass.OCCLUDER
 KINDS = FaceClass.BROWS, FaceClass.SKIN
+READ = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 
 
 class HeadBrows:
@@ -186,26 +190,22 @@ def cover_brows(roi: U8, head: F64, parsing: Parsing, width: float) -> None:
 
     parsing : of the rectangle.   width : of the face, pixels.
     """
-    for brow in (RIGHT_BROW, LEFT_BROW):
-        reach = BROW_REACH * width
-        points = head[brow]
-        x0, y0 = np.maximum(np.floor(points.min(0) - reach), 0).astype(int)
-        x1, y1 = np.minimum(np.ceil(points.max(0) + reach), roi.shape[1::-1]).astype(int)
-        step = max(round(CELL * width), 1)
-        if min(x1 - x0, y1 - y0) > 2 * step:
-            part = roi[y0:y1, x0:x1]
-            brows, skin = _shares(parsing.from_place(x0, y0), part.shape[:2], step)
-            _cover(part, brows, skin, width / step)
+    points, reach, step = head[BROWS], BROW_REACH * width, max(round(CELL * width), 1)
+    left, top = (max(int(one), 0) for one in np.minimum.reduce(points) - reach)
+    right, bottom = (int(one) + 1 for one in np.maximum.reduce(points) + reach)
+    part = roi[top : max(bottom, 0), left : max(right, 0)]
+    if min(part.shape[:2]) > 2 * step:
+        to_cells = parsing.to_cells @ np.array([[step, 0, left], [0, step, top], [0, 0, 1.0]])
+        brows, skin = _shares(parsing, to_cells, (-(-part.shape[1] // step), -(-part.shape[0] // step)))
+        _cover(part, brows, skin, width / step)
 
 
-def _shares(parsing: Parsing, size: tuple[int, ...], step: int) -> tuple[F32, F32]:
-    """(h / step, w / step) shares of brows, and of bare skin, in a rectangle (h, w)."""
-    planes = np.dstack([*(parsing.shares[kind] for kind in KINDS), parsing.share(*IN_FRONT)])
-    ys, xs = np.mgrid[: size[0] : step, : size[1] : step]
-    values = parsing.at(np.column_stack([xs.ravel(), ys.ravel()]), planes).reshape(*xs.shape, -1)
-    first, last = COVER.brow_share
-    brows, skin, front = (np.ascontiguousarray(values[..., k]) for k in range(3))
-    return np.clip((brows - first) / (last - first), 0, 1) * np.clip(1 - 4 * front, 0, 1), skin
+def _shares(parsing: Parsing, to_cells: F64, size: tuple[int, int]) -> tuple[F32, F32]:
+    """(h, w) shares of brows, and of bare skin, at places whose map (2, 3) to the parsing's cells is given."""
+    planes = cv2.merge([*(parsing.shares[kind] for kind in KINDS), parsing.share(*IN_FRONT)])
+    read = cv2.split(cv2.warpAffine(planes, to_cells, size, flags=READ))
+    brows, skin, front = (np.asarray(plane, np.float32) for plane in read)
+    return np.asarray(ramp(brows, COVER.brow_share) * (1 - ramp(front, COVER.brow_share))), skin
 
 
 def _cover(part: U8, brows: F32, skin: F32, width: float) -> None:
@@ -213,19 +213,17 @@ def _cover(part: U8, brows: F32, skin: F32, width: float) -> None:
 
     brows, skin : shares at places that lie `width` to a face, of what is painted over and of what is bare skin.
     """
-    if not brows.any():
+    if not cv2.countNonZero(brows):
         return
     size, sigma = part.shape[1::-1], COVER.beside * width
     grown = 2 * max(round(GROWTH * width), 1) + 1
-    brows = np.asarray(
-        cv2.GaussianBlur(cv2.dilate(brows, np.ones((grown, grown))), (0, 0), grown / 4), np.float32
-    )
-    small = cv2.resize(part, brows.shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
-    weight = np.clip(2 * skin - 1, 0, 1) * np.clip(1 - 4 * brows, 0, 1)
-    known = cv2.GaussianBlur(weight, (0, 0), sigma)
-    beside = cv2.GaussianBlur(small * weight[..., None], (0, 0), sigma) / np.maximum(known, 1e-6)[..., None]
-    first, last = COVER.least_skin
-    brows *= np.clip((known - first) / (last - first), 0, 1)
-    share = cv2.resize(brows, size)
-    paint = cv2.resize(np.asarray(np.clip(beside, 0, 255), np.uint8), size)
+    square = cv2.getStructuringElement(cv2.MORPH_RECT, (grown, grown))
+    brows = np.asarray(cv2.GaussianBlur(cv2.dilate(brows, square), (0, 0), grown / 4), np.float32)
+    small = cv2.resize(part, brows.shape[::-1], interpolation=cv2.INTER_AREA)
+    weight = ramp(skin, COVER.bare_share) * (1 - ramp(brows, COVER.brow_share))
+    known = np.asarray(cv2.GaussianBlur(weight, (0, 0), sigma), np.float32)
+    beside = cv2.GaussianBlur(small * weight[..., None], (0, 0), sigma)
+    beside = np.asarray(beside / np.maximum(known, np.float32(1e-6))[..., None])
+    share = cv2.resize(brows * ramp(known, COVER.least_skin), size)
+    paint = cv2.resize(cv2.convertScaleAbs(beside), size)
     part[:] = cv2.blendLinear(paint, np.ascontiguousarray(part), share, 1 - share)
