@@ -1,9 +1,8 @@
 """A face fit for another's picture: as contrasty as theirs, and in the tone of their skin with nothing exaggerated.
 
-Haze, flare and the curve of a camera lift what is dark in one clip more than in another, and a ratio of skin tones
-would lift it as well: on a fair head the pupils of a dark face would be grey.  But everybody's pupils and lashes are
-black.  So of a face in which these are brighter against its skin than in another, as much grey is taken off that both
-are alike; of one in which they are darker, a little is added, as fair lashes are not black.
+Haze, flare and the curve of a camera lift what is dark in one clip more than in another.  But everybody's pupils and
+lashes are black.  So of a face in which these are brighter than in another, and brighter against its skin, grey is
+taken off until either is alike; of one in which they are darker, a little is added, as fair lashes are not black.
 
 Light that is measured on skin holds the two skin tones as well, and dark skin on a fair face gets several times its
 brightness: the tints of its cheeks and eye sockets become blotches, and dark lips grey or mauve.  The farther the tones
@@ -74,7 +73,9 @@ def in_contrast_of(texture: F32, other: F32, reference: ReferenceFrame) -> F32:
     dark = [float(np.quantile(luma[eyes], LIMITS.darkest_quantile)) for luma in lumas]
     own, others = (1 - each / tone for each, tone in zip(dark, tones, strict=True))
     stretch = float(np.clip(others / max(own, 1e-3), *LIMITS.stretch))
-    return np.asarray(texture - np.float32(tones[0] * (1 - 1 / stretch)), np.float32)
+    haze, by_level = tones[0] * (1 - 1 / stretch), dark[0] - dark[1]  # against the skin, and of whatever skin
+    grey = np.sign(haze) * max(min(abs(haze), by_level * np.sign(haze)), 0.0)
+    return np.asarray(texture - np.float32(grey), np.float32)
 
 
 def in_tone_of(texture: F32, other: F32, reference: ReferenceFrame) -> F32:
