@@ -1,14 +1,10 @@
-"""What the live benchmarks share: the people in the clips, an output that times frames, and a display.
-
-Times are those of `time.perf_counter`, seconds, which on Linux are the same for all processes.
-"""
+"""What the live benchmarks share: the people in the clips, an output that times frames, and a display."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import subprocess
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -61,16 +57,14 @@ class Noted(Output):
 
     Parameters
     ----------
-    inner : Output or None.   after : called with what was shown and the time at which that was done.
+    inner : Output or None.   after : called when a picture was shown.
 
     Attributes
     ----------
-    times : when each picture had been shown, seconds.
+    times : when each picture had been shown, `time.perf_counter`.
     """
 
-    def __init__(
-        self, inner: Output | None = None, after: Callable[[OutputFrame, float], None] | None = None
-    ) -> None:
+    def __init__(self, inner: Output | None, after: Callable[[], None]) -> None:
         self.main_thread = inner is not None and inner.main_thread
         self.times: list[float] = []
         self._inner, self._after = inner, after
@@ -83,8 +77,7 @@ class Noted(Output):
         if self._inner is not None:
             self._inner.show(shown)
         self.times.append(time.perf_counter())
-        if self._after is not None:
-            self._after(shown, self.times[-1])
+        self._after()
 
     def pump(self) -> bool:
         return self._inner is None or self._inner.pump()
@@ -106,19 +99,18 @@ def played(scene: Scene, capture: Capture, outputs: Sequence[Output]) -> Pipelin
 
 
 @contextlib.contextmanager
-def display() -> Iterator[Path]:
-    """An X display without a screen, for what opens windows inside; gives the file of what is on it, in XWD format."""
-    with tempfile.TemporaryDirectory() as folder:
-        read, write = os.pipe()
-        command = f"Xvfb -displayfd {write} -screen 0 {SCREEN} -fbdir {folder} -nolisten tcp -noreset"
-        server = subprocess.Popen(command.split(), pass_fds=[write], stderr=subprocess.DEVNULL)
-        os.close(write)
-        try:
-            with os.fdopen(read) as pipe:
-                number = pipe.readline().strip()
-            os.environ.pop("WAYLAND_DISPLAY", None)
-            os.environ.update(DISPLAY=f":{number}", PYGLFW_LIBRARY_VARIANT="x11")
-            yield Path(folder) / "Xvfb_screen0"
-        finally:
-            server.terminate()
-            server.wait()
+def display() -> Iterator[None]:
+    """An X display without a screen, for what opens windows inside."""
+    read, write = os.pipe()
+    command = f"Xvfb -displayfd {write} -screen 0 {SCREEN} -nolisten tcp -noreset"
+    server = subprocess.Popen(command.split(), pass_fds=[write], stderr=subprocess.DEVNULL)
+    os.close(write)
+    try:
+        with os.fdopen(read) as pipe:
+            number = pipe.readline().strip()
+        os.environ.pop("WAYLAND_DISPLAY", None)
+        os.environ.update(DISPLAY=f":{number}", PYGLFW_LIBRARY_VARIANT="x11")
+        yield
+    finally:
+        server.terminate()
+        server.wait()

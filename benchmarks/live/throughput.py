@@ -1,7 +1,9 @@
-"""Sustained frames per second of the live pipeline: a file as fast as possible, to nowhere and to a window.
+"""Frames per second and latency of the live pipeline, to nowhere and to a window.
 
-The window is on a virtual display and drawn by software GL.  Presented frames are counted.  Rounds of all ways
-alternate, each with a pass that only decodes the clip.  One thread for matrix work, as in the command.
+The rate is that of a file as fast as possible; presented frames are counted.  Latency is from the capture of a frame of
+640 x 480 to the end of its presentation, as `guise live` reads it out, while the file plays at its own pace of 30
+frames a second.  The window is on a virtual display and drawn by software GL.  Rounds of all ways alternate, each with
+a pass that only decodes the clip.  One thread for matrix work, as in the command.
 """
 
 from __future__ import annotations
@@ -18,12 +20,14 @@ from benchmarks.common import Criterion, Report, Table
 from benchmarks.live.runs import Noted, Scene, display, large, played, small, window
 from guise.app.live.capture import FileCapture
 from guise.app.live.output import Output
+from guise.app.live.stats import PipelineStats
 from guise.common.threads import one_thread
 
 ROUNDS = 5
 ROUND_FRAMES = 300
 WARM_UP_FRAMES = 30  # that are not counted
 FPS_TARGETS = {"640x480": 60.0, "1280x720": 40.0}
+LATENCIES, LATENCY_TARGETS_MS = ("median", "95th percentile"), (20.0, 33.0)
 WAYS: dict[str, Callable[[], Output | None]] = {"nowhere": lambda: None, "window": window}
 
 
@@ -40,7 +44,7 @@ def sustained(scene: Scene, output: Output | None, frames: int) -> Rate:
     used: list[float] = []
     with one_thread(), FileCapture(scene.clip.video, loop=True, paced=False) as capture:
 
-        def after(*_: object) -> None:
+        def after() -> None:
             used.append(time.process_time())
             if len(used) == WARM_UP_FRAMES + frames:
                 capture.stop()
@@ -48,6 +52,18 @@ def sustained(scene: Scene, output: Output | None, frames: int) -> Rate:
         noted = Noted(output, after)
         played(scene, capture, [noted])
     return _rate(noted.times, used)
+
+
+def at_own_pace(scene: Scene, output: Output | None, frames: int) -> PipelineStats:
+    """A round whose latencies count."""
+    with one_thread(), FileCapture(scene.clip.video, loop=True) as capture:
+
+        def after() -> None:
+            if len(noted.times) == frames:
+                capture.stop()
+
+        noted = Noted(output, after)
+        return played(scene, capture, [noted])
 
 
 def decoded(scene: Scene, frames: int) -> Rate:
@@ -70,6 +86,7 @@ def measure(options: argparse.Namespace) -> Report:
     scenes = [small(), large(options.shared)]
     frames = 60 if options.quick else ROUND_FRAMES
     found: dict[tuple[str, str], list[Rate]] = {}
+    late: dict[str, list[PipelineStats]] = {way: [] for way in WAYS}
     with display():
         for turn in range(1 if options.quick else ROUNDS):
             for scene in scenes:
@@ -77,11 +94,13 @@ def measure(options: argparse.Namespace) -> Report:
                     found.setdefault((scene.label, way), []).append(sustained(scene, make(), frames))
                 found.setdefault((scene.label, "decoded only"), []).append(decoded(scene, frames))
                 common.say(f"round {turn + 1}: {scene.label}")
-    return report(found)
+            for way, make in WAYS.items():
+                late[way].append(at_own_pace(scenes[0], make(), frames))
+    return report(found, late)
 
 
-def report(found: dict[tuple[str, str], list[Rate]]) -> Report:
-    """From the rates of the rounds by picture size and way."""
+def report(found: dict[tuple[str, str], list[Rate]], late: dict[str, list[PipelineStats]]) -> Report:
+    """From the rates of the rounds by picture size and way, and the rounds at the file's pace by way."""
     fps = {key: statistics.median(rate.fps for rate in rates) for key, rates in found.items()}
     used = {key: statistics.median(rate.processor for rate in rates) for key, rates in found.items()}
     rows = [
@@ -90,13 +109,27 @@ def report(found: dict[tuple[str, str], list[Rate]]) -> Report:
     ]
     columns = ("picture", "to", "frames a second", "processor, ms a frame", "of decoding alone")
     rounds = len(next(iter(found.values())))
+    delays = [
+        (
+            way, statistics.median(one.latency for one in some), statistics.median(one.latency_95 for one in some),
+            sum(one.dropped + one.skipped for one in some),
+        )
+        for way, some in late.items()
+    ]  # fmt: skip
     return Report(
-        "live.throughput", "Live: sustained rate",
+        "live.throughput", "Live: rate and latency",
         [
             Criterion(f"{size}, to {way}", fps[size, way], ">=", FPS_TARGETS[size], "fps")
             for size, way in fps if way in WAYS
+        ] + [
+            Criterion(f"latency to {way}, {what}", measured, "<=", target, "ms")
+            for way, *measures, _ in delays
+            for what, measured, target in zip(LATENCIES, measures, LATENCY_TARGETS_MS, strict=True)
         ],
-        [Table(f"Median of {rounds} rounds", columns, rows)],
+        [
+            Table(f"Median of {rounds} rounds", columns, rows),
+            Table("Latency at the file's pace", ("to", *(f"{what}, ms" for what in LATENCIES), "dropped"), delays),
+        ],
     )  # fmt: skip
 
 
