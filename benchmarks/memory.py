@@ -10,6 +10,7 @@ of a swap and of a live run, sixths of the second half of a de-identification, i
 from __future__ import annotations
 
 import argparse
+import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +21,7 @@ from benchmarks import common
 from benchmarks.children import GUISE, Ran, looped, ran
 from benchmarks.common import Criterion, Report, Table
 from benchmarks.deidentify.guise import CLIP, done, enlarged, guise_command, long_clip
+from benchmarks.speed import ENROL
 
 DONOR = "studio_d7"
 SAMPLE_SECONDS = 0.5
@@ -43,8 +45,8 @@ def swaps(options: argparse.Namespace, minutes: float, folder: Path) -> dict[str
     """The long swap, the short one with the default preset, and the long live run."""
     clip, donor = (common.real_clip(options.shared, name) for name in (CLIP, DONOR))
     models = folder / "source.guise", folder / "donor.guise"
-    common.enrolled(clip).save(models[0])
-    common.enrolled(donor).save(models[1])
+    for one, model in zip((clip, donor), models, strict=True):
+        ran((sys.executable, "-c", ENROL, one.video, model))
     few = min(minutes, DEFAULT_PRESET_MINUTES)
     runs = {}
     for length, preset, command in (
