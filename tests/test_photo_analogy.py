@@ -78,10 +78,13 @@ def test_half_the_strength_lies_between() -> None:
     assert min(low, high) > 0.1 * np.abs(made[2] - made[0]).mean()
 
 
-def test_other_light_on_the_source_changes_little() -> None:
-    brighter = [np.asarray(np.rint(np.clip(p * 0.7 + 12, 0, 255)), np.uint8) for p in (S, S1)]
+@pytest.mark.parametrize("side", [1.0, 0.6])
+def test_other_light_on_the_source_changes_little(side: float) -> None:
+    """Of all of it, and from the right of the picture."""
+    gain = 0.7 * np.linspace(side, 1, SIZE[1])[:, None]
+    other = [np.asarray(np.rint(np.clip(p * gain + 12, 0, 255)), np.uint8) for p in (S, S1)]
     plain = carry()(S1, smiling(NEUTRAL))
-    lit = PhotoAnalogy(brighter[0], NEUTRAL, T, OTHER)(brighter[1], smiling(NEUTRAL))
+    lit = PhotoAnalogy(other[0], NEUTRAL, T, OTHER)(other[1], smiling(NEUTRAL))
     changed = np.abs(plain.astype(float) - T).mean()
     assert np.abs(plain.astype(float) - lit).mean() < 0.15 * changed
 
@@ -210,16 +213,19 @@ def test_mistakes_are_one_sentence() -> None:
 
 
 @pytest.mark.skipif(not PEOPLE.exists(), reason="the rendered people are not beside the repository")
-@pytest.mark.parametrize("name", ["smile", "blink"])
-def test_across_rendered_people_tents_come_nearest(name: str) -> None:
-    (s, ps), (s1, p1) = still("p01", "neutral"), still("p01", name)
-    (t, pt), (truth, points) = still("p05", "neutral"), still("p05", name)
-    inside = face_mask(points, (truth.shape[1], truth.shape[0]))
-    errors = [
-        float(((PhotoAnalogy(s, ps, t, pt, m)(s1, p1).astype(float) - truth)[inside] ** 2).mean())
-        for m in METHODS
-    ]
-    assert errors[0] < min(errors[1:])
+@pytest.mark.parametrize(("person", "margin"), [("p01", 3.0), ("p05", 0.5)])
+def test_of_rendered_people_tents_come_nearest(person: str, margin: float) -> None:
+    """Margins in dB over the other methods, in the mean of all expressions: of p01 onto themselves, and onto p05."""
+    (s, ps), (t, pt) = still("p01", "neutral"), still(person, "neutral")
+    carries = [PhotoAnalogy(s, ps, t, pt, method) for method in METHODS]
+    psnr = []
+    for name in ("smile", "surprise", "anger", "disgust", "blink", "open"):
+        truth, points = still(person, name)
+        inside = face_mask(points, (truth.shape[1], truth.shape[0]))
+        made = [carry(*still("p01", name)).astype(float) for carry in carries]
+        psnr.append([-10 * np.log10(((one - truth)[inside] ** 2).mean()) for one in made])
+    tents, *others = np.mean(psnr, axis=0)
+    assert tents > max(others) + margin
 
 
 def still(person: str, name: str) -> tuple[Picture, F64]:

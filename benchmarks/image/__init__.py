@@ -1,1 +1,0 @@
-"""Benchmarks of expression analogy between photographs."""
