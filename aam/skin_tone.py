@@ -41,7 +41,7 @@ class SkinToneLimits:
     spread_face_widths: float = 0.01  # over which a change fades
     as_strong: float = 0.75  # ratio of how strongly two tones are coloured, below which tints are eased, too
     least_chroma: float = 0.05
-    rim_face_widths: float = 0.1  # from the border, from which on all of the skin is the face's own
+    rim_face_widths: float = 0.15  # from the border, from which on all of the skin is the face's own
     rim_mean_face_widths: float = 0.04  # standard deviation of the means that go over into each other there
     rim_ratio: tuple[float, float] = (0.4, 2.5)  # of a channel
 
