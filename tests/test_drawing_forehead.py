@@ -18,6 +18,7 @@ from guise.aam.landmarks.schemes import (
 from guise.aam.light import LUMA
 from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
+from guise.app.drawing.face import BROW_THICKNESS
 from guise.app.drawing.memory import Memory
 from guise.app.drawing.passes.forehead import LIMITS, LOBE, Forehead, Hairline, outward, skin_grain, strands
 from guise.common.arrays import F64, Bool
@@ -51,11 +52,11 @@ def test_what_is_read_is_skin_of_the_forehead_and_the_temples() -> None:
     mirrored = Forehead.of(FRAME, REACH).softened > 0.99
     assert mirrored.sum() > 500
     read = places[mirrored]
-    rim = (LIMITS.above_brows + LIMITS.least - LIMITS.rim) * FRAME.resolution  # where brows are near it
+    rim = (BROW_THICKNESS + LIMITS.softening - LIMITS.rim) * FRAME.resolution  # where brows are near it
     inside = [cv2.pointPolygonTest(hull, (float(x), float(y)), True) for x, y in read]
     assert min(inside) > -rim - 1
     for feature in FRAME.points[[*BROWS, *OUTER_EYE_CORNERS]]:
-        near = np.linalg.norm(read - feature, axis=1) < 0.4 * LIMITS.above_brows * FRAME.resolution
+        near = np.linalg.norm(read - feature, axis=1) < 0.02 * FRAME.resolution
         assert near.sum() <= 1  # a pixel of the rim, beside the end of a brow
 
 

@@ -28,12 +28,16 @@ BLANK: U8 = np.zeros((0, 0, 3), np.uint8)
 # What several passes share.
 # By which features are larger than the hulls of their points.
 GROWTH = tuned(0.02, "face widths", "picture.truth")
-BROW_THICKNESS = tuned(0.05, "face widths", "picture.truth")  # below a brow's points
+# From a brow's points, down and up, to where skin is bare.
+BROW_THICKNESS = tuned(0.05, "face widths", "picture.truth")
 # About a brow's points, within which all of its hair lies, also while it rises.
 BROW_REACH = tuned(0.09, "face widths", "picture.truth")
 CELL = tuned(0.0125, "face widths", "picture.truth")  # between places at which a parsing is looked at
 # Between two parsed frames while no object moves over the face.
 PAUSE_SECONDS = tuned(0.1, "seconds", "speed")
+# Of a painted iris, at which there is none, and all of it.
+IRIS_BORDER = tuned((1.2, 0.96), "radii", "picture.identity")
+FEATHER = tuned(0.02, "face widths", "picture.identity")  # standard deviation of a soft border
 MIN_SHARE = tuned(0.02, "share", "picture.truth")  # that is seen at all
 BLACK_GREY_LEVELS = tuned(4.0, "grey levels", "picture.truth")  # added before a ratio is taken
 

@@ -35,6 +35,7 @@ from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.aam.relief import Relief
 from guise.aam.rims import RimFinder
 from guise.app.drawing.face import (
+    BROW_THICKNESS,
     CELL,
     GROWTH,
     MIN_SHARE,
@@ -90,8 +91,6 @@ class OcclusionLimits:
     eye_change: float = tuned(0.04, "ratio", "picture.truth")
     # inside the hull, where the source's hair is kept
     hair_rim_face_widths: float = tuned(0.09, "face widths", "picture.identity")
-    # around the brows, within which the source's own never show, and rims of glasses may lie above them
-    brow_growth_face_widths: float = tuned(0.05, "face widths", "picture.identity")
 
 
 LIMITS = OcclusionLimits()
@@ -217,7 +216,7 @@ class Cover:
         """Rows of a grid with so many pixels per grid pixel where rims may be, a sampler of them and their depths."""
         points = self._reference.points
         first, last = (
-            points[BROWS, 1].min() - LIMITS.brow_growth_face_widths * self._reference.resolution,
+            points[BROWS, 1].min() - BROW_THICKNESS * self._reference.resolution,
             points[NOSE_TIP, 1],
         )
         rows = slice(max(int(first), 0) * factor, (int(last) + 1) * factor)
@@ -378,7 +377,7 @@ def shown_mask(source: Bool, reference: ReferenceFrame) -> Bool:
     """
     inside = cv2.distanceTransform(np.pad(reference.mask, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
     below = np.arange(reference.size[0])[:, None] >= reference.points[BROW_TOPS, 1].mean()
-    brows = soft_parts(reference, (RIGHT_BROW, LEFT_BROW), LIMITS.brow_growth_face_widths) > 0.5
+    brows = soft_parts(reference, (RIGHT_BROW, LEFT_BROW), BROW_THICKNESS) > 0.5
     inner = below & (inside > LIMITS.hair_rim_face_widths * reference.resolution)
     return np.asarray(reference.mask & (source | inner | brows))
 

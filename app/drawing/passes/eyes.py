@@ -40,7 +40,15 @@ from guise.aam.mask import soft_parts
 from guise.aam.painted_part import PaintedPart
 from guise.aam.parsing import FaceClass, Parsing
 from guise.aam.reference import MeshSampler, ReferenceFrame
-from guise.app.drawing.face import BROW_THICKNESS, GROWTH, MIN_SHARE, PAUSE_SECONDS, FaceInFrame, ramp
+from guise.app.drawing.face import (
+    BROW_THICKNESS,
+    GROWTH,
+    IRIS_BORDER,
+    MIN_SHARE,
+    PAUSE_SECONDS,
+    FaceInFrame,
+    ramp,
+)
 from guise.app.drawing.memory import GazeMemory, Memory
 from guise.common import small
 from guise.common.arrays import F32, F64, U8
@@ -82,15 +90,11 @@ class ApertureLimits:
 class EyeballLimits:
     """Eye widths, or radii of the iris where they say so."""
 
-    edge: float = tuned(0.04, "eye widths", "deidentify.expression")  # over which an eyeball ends at the lids
-    # their darkness at the upper and the lower lid,
+    # over which an eyeball ends at the lids, its lashes outside of them, and their shade inside
+    edge: float = tuned(0.05, "eye widths", "deidentify.expression")
+    # their darkness at the upper and the lower lid
     lashes: tuple[float, float] = tuned((0.6, 0.25), "share", "deidentify.expression")
-    lashes_reach: float = tuned(0.05, "eye widths", "deidentify.expression")  # and how far out
-    # at which there is no iris, and all of it
-    border: tuple[float, float] = tuned((1.1, 0.94), "radii", "deidentify.expression")
-    lid_shade: float = tuned(0.4, "share", "deidentify.expression")  # just below the upper lid,
-    lid_shade_reach: float = tuned(0.06, "eye widths", "deidentify.expression")  # and how far down
-    corner_shade: float = tuned(0.15, "share", "deidentify.expression")
+    lid_shade: float = tuned(0.4, "share", "deidentify.expression")  # just below the upper lid
     # place, and standard deviation
     reflection: tuple[float, float, float] = tuned((-0.35, -0.4, 0.13), "radii", "deidentify.expression")
     reflected: float = tuned(1.3, "ratio", "deidentify.expression")  # of the white
@@ -434,9 +438,7 @@ class Eyeballs:
             colours = self._shares(places - iris.astype(np.float32)) * np.float32(bright)
             colours *= _shade(places, lids)[:, None]
             inside = _inside(places, lids)
-            dark = np.where(places[:, 1] < 0, *EYEBALL.lashes) * np.exp(
-                inside.clip(max=0) / EYEBALL.lashes_reach
-            )
+            dark = np.where(places[:, 1] < 0, *EYEBALL.lashes) * np.exp(inside.clip(max=0) / EYEBALL.edge)
             skin = texture[part.beside] * (1 - dark)[:, None]
             shown = np.clip(inside / EYEBALL.edge + 0.5, 0, 1)[:, None]
             part.paint(texture, skin + shown * (colours - skin))
@@ -445,8 +447,7 @@ class Eyeballs:
         """(n, 3) shares of the white at places (n, 2) from the middle of the iris."""
         x, y = from_middle.T / np.float32(self._irises.radius)
         away = np.hypot(x, y)
-        outer, inner = EYEBALL.border
-        share = np.clip((outer - away) / np.float32(outer - inner), 0, 1)
+        share = ramp(away, IRIS_BORDER)
         seen = 1 + share * (self._irises.at(np.minimum(away, 1)) - 1)
         left, up, width = EYEBALL.reflection
         gleam = np.exp(-((x - left) ** 2 + (y - up) ** 2) / (2 * width**2))
@@ -464,5 +465,5 @@ def _shade(places: F32, outline: F32) -> F32:
     """(n,) how bright an eyeball with an outline (6, 2) is at places (n, 2)."""
     x, y = places.T
     lid = outline[:, 1].min() * np.clip(1 - 4 * x * x, 0, 1)
-    below = np.exp(-np.maximum(y - lid, 0) / EYEBALL.lid_shade_reach)
-    return np.asarray((1 - EYEBALL.lid_shade * below) * (1 - EYEBALL.corner_shade * np.minimum(4 * x * x, 1)))
+    below = np.exp(-np.maximum(y - lid, 0) / EYEBALL.edge)
+    return np.asarray(1 - EYEBALL.lid_shade * below, np.float32)

@@ -29,7 +29,7 @@ from guise.aam.landmarks.schemes import (
 )
 from guise.aam.light import LUMA
 from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame
-from guise.app.drawing.face import FaceInFrame
+from guise.app.drawing.face import BROW_THICKNESS, FaceInFrame
 from guise.app.drawing.memory import Memory
 from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.tuned import derived, tuned
@@ -39,23 +39,19 @@ from guise.common.tuned import derived, tuned
 class ForeheadLimits:
     """Face widths."""
 
-    # within the face's own hairline, where its texture isn't only skin
+    # within the face's own hairline, where its texture isn't only skin; below the new one, where hair leaves its shade
     rim: float = tuned(0.055, "face widths", "deidentify.identity")
-    # where skin begins that can be mirrored
-    above_brows: float = tuned(0.05, "face widths", "deidentify.identity")
-    least: float = tuned(0.03, "face widths", "deidentify.identity")  # height of it
-    softening: float = tuned(0.03, "face widths", "deidentify.identity")  # standard deviation
+    # standard deviation, and the least height of skin
+    softening: float = tuned(0.03, "face widths", "deidentify.identity")
     # share by which that is read nearer to the middle, off the ends of brows
     inwards: float = tuned(0.4, "share", "deidentify.identity")
     cheek: float = tuned(0.16, "face widths", "deidentify.identity")  # side of the skin whose grain it gets
-    # The shadow of the hair: its share of the light at the hairline, and how far down it fades.
+    # of the light at the hairline, which hair keeps off
     shadow: float = tuned(0.3, "share", "deidentify.identity")
-    shadow_length: float = tuned(0.06, "face widths", "deidentify.identity")
-    # Of the strands at the hairline: how far they reach in at the middle, how wide they and tufts of them are, how long
-    # they stay alike, and how soft their ends are, as a share of their reach.
+    # Of the strands at the hairline: how far they reach in at the middle and stay alike, how wide they and tufts of
+    # them are, and how soft their ends are, as a share of their reach.
     reach: float = tuned(0.09, "face widths", "deidentify.identity")
     widths: tuple[float, float] = tuned((0.004, 0.012), "face widths", "deidentify.identity")
-    length: float = tuned(0.07, "face widths", "deidentify.identity")
     softness: float = tuned(0.65, "share", "deidentify.identity")
     widening: float = tuned(0.4, "share", "deidentify.identity")  # sideways share of what is added
 
@@ -108,7 +104,7 @@ class Forehead:
         below = np.maximum(_at_outline(reference.points + moved, centre, along) - away, 0)
         at_line, _ = _polar(reference.points[FOREHEAD] - centre)
         raised = np.interp(along, at_line, _shares(moved), left=0, right=0)
-        shadow = LIMITS.shadow * raised * np.exp(-below / (LIMITS.shadow_length * reference.resolution))
+        shadow = LIMITS.shadow * raised * np.exp(-below / rim)
         over = away - _at_outline(reference.points, centre, along)
         drawn_over = added * np.clip(over / rim + added - 0.5, 0, 1)
         softened, drawn_over, lit = (
@@ -223,7 +219,7 @@ def _hair(face_width: float) -> F32:
     total = np.zeros(size, np.float32)
     for width, one in zip(LIMITS.widths, noise, strict=True):
         smooth = cv2.GaussianBlur(
-            one, (0, 0), sigmaX=max(width * face_width, 0.3), sigmaY=LIMITS.length * face_width,
+            one, (0, 0), sigmaX=max(width * face_width, 0.3), sigmaY=LIMITS.reach * face_width,
             borderType=cv2.BORDER_REFLECT,
         )  # fmt: skip
         total += smooth / smooth.std()
@@ -248,10 +244,10 @@ def _skin(reference: ReferenceFrame, centre: F64, along: F64) -> tuple[F64, F64]
     """Distances (n,) from the centre, in directions (n,), between which forehead and temples are skin."""
     at_brow, brow = _polar(reference.points[[*BROWS, *OUTER_EYE_CORNERS]] - centre)
     order = np.argsort(at_brow)
-    low = np.interp(along, at_brow[order], brow[order]) + LIMITS.above_brows * reference.resolution
+    low = np.interp(along, at_brow[order], brow[order]) + BROW_THICKNESS * reference.resolution
     rim = LIMITS.rim * reference.resolution * _above_ears(reference, centre, along)
     high = _at_outline(reference.points, centre, along) - rim
-    return low, np.maximum(high, low + LIMITS.least * reference.resolution)
+    return low, np.maximum(high, low + LIMITS.softening * reference.resolution)
 
 
 def _at_outline(points: F64, centre: F64, along: F64) -> F64:

@@ -18,7 +18,7 @@ import numpy as np
 
 from guise.aam.irises import EYES, Irises, in_eye, nose_length, white, width_to_nose
 from guise.aam.light import LUMA
-from guise.app.drawing.face import FaceInFrame
+from guise.app.drawing.face import IRIS_BORDER, FaceInFrame, ramp
 from guise.app.drawing.memory import GazeMemory, Memory
 from guise.common.arrays import F32, F64, Floating, Int
 from guise.common.decay import Decay
@@ -44,22 +44,10 @@ class TintLimits:
     # width of an eye in the clip from which a darker and a lighter iris is known
     known_eye_pixels: tuple[float, float] = tuned((22.0, 30.0), "pixels", "picture.identity")
     # Drawing.
-    # at which nothing and all of a dark iris is changed,
-    border: tuple[float, float] = tuned((1.15, 0.85), "radii", "picture.identity")
-    painted_border: tuple[float, float] = tuned(
-        (1.2, 0.96), "radii", "picture.identity"
-    )  # and of a light one
-    # How unlike white nothing and all of a pixel is changed, of an iris that becomes darker, and of one that becomes
-    # lighter, where what is no iris would shine; and how far its colour may be from those between white and iris.
-    unlike: tuple[tuple[float, float], tuple[float, float]] = tuned(
-        ((0.0, 0.5), (0.35, 0.85)), "share of the white", "picture.identity"
-    )
-    # at which all and none of a pixel is changed
-    other_colour: tuple[float, float] = tuned((0.15, 0.3), "share of the white", "picture.identity")
-    # brightness of a light iris: of none below, of all above
-    light: tuple[float, float] = tuned((0.6, 0.66), "share of the white", "picture.identity")
-    # limits of the factors of one that becomes darker
-    gain: tuple[float, float] = tuned((0.15, 2.5), "ratio", "picture.identity")
+    # How unlike white nothing and all of a pixel is changed: what is no iris stays.
+    unlike: tuple[float, float] = tuned((0.35, 0.85), "share of the white", "picture.identity")
+    # brightness of an iris from which it can't be told from its white pixel by pixel
+    light: float = tuned(0.63, "share of the white", "picture.identity")
     # of an iris at most: more, in the shade of lids, looks blind
     lightening: float = tuned(2.2, "ratio", "picture.identity")
     # added before colours are divided
@@ -72,7 +60,6 @@ class TintLimits:
 
 
 LIMITS = TintLimits()
-REACH = max(LIMITS.border[0], LIMITS.painted_border[0])  # radii, beyond which nothing is changed
 # (k, 2) steps about the best place so far, finer and finer.
 MOVES = [
     LIMITS.step / 2**finer * np.mgrid[-across : across + 1, -down : down + 1].reshape(2, -1).T
@@ -127,9 +114,9 @@ class IrisChange:
         return bool(self.target.colour @ LUMA > self.source.colour @ LUMA)
 
     @property
-    def lightness(self) -> float:
-        """Share in [0, 1] by which the source's iris is too light to be told from its white pixel by pixel."""
-        return float(np.interp(self.source.colour @ LUMA, LIMITS.light, (0, 1)))
+    def is_light(self) -> bool:
+        """Whether the source's iris is too light to be told from its white pixel by pixel."""
+        return bool(self.source.colour @ LUMA > LIMITS.light)
 
 
 class IrisTint:
@@ -149,10 +136,10 @@ class IrisTint:
         looked_at = inside & (thinned | (inside.sum() < LIMITS.many_pixels))
         self._inside, self._looked_at = np.flatnonzero(inside), np.flatnonzero(looked_at)
         self._change, self._eye = change, eye
-        self._lightens, self._lightness = change.lightens, np.float32(change.lightness)
+        self._lightens, self._is_light = change.lightens, change.is_light
         self._blur = max(LIMITS.shade_eye_widths * inside.any(0).sum(), 0.5)
         own, other = (irises.colour + LIMITS.black_share for irises in (change.source, change.target))
-        self._gain = np.clip(other / own, *LIMITS.gain).astype(np.float32)
+        self._gain = (other / own).astype(np.float32)
         self._dimmed = np.float32(min(1.0, LIMITS.lightening * float(own @ LUMA) / float(other @ LUMA)))
         self._contrast = 1 - own
         self._direction = self._contrast / max(float(self._contrast @ self._contrast), 1e-3)
@@ -168,24 +155,22 @@ class IrisTint:
         pixels = picture.reshape(-1, 3)
         bright = white(pixels[self._inside])
         colours = (pixels[self._looked_at] / bright).T
-        if self._lightness < 0.5:
+        if not self._is_light:
             colours = self._direction @ (1 - colours)
         found = self._found(colours, places[self._looked_at], gaze)
         gaze.places[self._eye] = _steadied(gaze.places[self._eye], found, LIMITS.memory.over(step))
         from_middle = places - gaze.places[self._eye].astype(np.float32)
         x, y = from_middle[:, 0], from_middle[:, 1]
         away = np.sqrt(x * x + y * y) / np.float32(self._change.source.radius)
-        near = (away < REACH).nonzero()[0]
-        before, there, light = np.ascontiguousarray(pixels[near].T), away.take(near), self._lightness
-        painted = (
-            self._painted(picture, bright, away, near, before) if self._lightens or light > 0 else before
-        )
-        change = light * _within(there, LIMITS.painted_border) * (painted - before)
-        if light < 1:
-            other = painted - before if self._lightens else (self._gain[:, None] - 1) * before
-            alike = self._share(np.asarray(before / bright[:, None], np.float32))
-            share = alike * _within(there, LIMITS.border)
-            change += (1 - light) * share * other
+        near = (away < IRIS_BORDER[0]).nonzero()[0]
+        before, there = np.ascontiguousarray(pixels[near].T), away.take(near)
+        if self._lightens or self._is_light:
+            change = self._painted(picture, bright, away, near, before) - before
+        else:
+            change = (self._gain[:, None] - 1) * before
+        if not self._is_light:
+            change *= self._share(np.asarray(before / bright[:, None], np.float32))
+        change *= ramp(there, IRIS_BORDER)
         changed = pixels.copy()
         changed[near] = (before + change * shown.take(near)).T
         return changed.reshape(picture.shape)
@@ -218,19 +203,15 @@ class IrisTint:
         return mean
 
     def _share(self, shares: F32) -> F32:
-        """(n,) share in [0, 1] by which pixels (3, n), shares of the white, have the colours of the source's iris."""
-        unlike_white = self._direction @ (1 - shares)
-        off = 1 - shares - unlike_white * self._contrast[:, None]
-        none, every = LIMITS.unlike[self._lightens]
-        share = _within(np.sqrt(np.add.reduce(np.square(off), 0)), LIMITS.other_colour[::-1])
-        return share * np.minimum(np.maximum((unlike_white - none) / np.float32(every - none), 0), 1)
+        """(n,) share in [0, 1] by which pixels (3, n), shares of the white, are the source's iris by their colours."""
+        return ramp(np.asarray(self._direction @ (1 - shares), np.float32), LIMITS.unlike)
 
     def _painted(self, picture: F32, bright: F32, away: F32, near: Int, pixels: F32) -> F32:
         """Pixels (3, n) at indices `near` with the other's iris painted ring by ring; shading and catch-lights stay."""
         source, there, white = self._change.source, away.take(near), bright[:, None]
         own, other = source.at(there), self._dimmed * self._change.target.at(there)
         usual = own * white
-        inner = _within(there, (1.0, LIMITS.edge))
+        inner = ramp(there, (1.0, LIMITS.edge))
         brighter = pixels - usual
         gleams = (LUMA @ brighter / (LIMITS.catch_light * (bright @ LUMA)) - 1) * 2
         gleams = np.minimum(np.maximum(gleams, 0), 1)
@@ -244,13 +225,6 @@ class IrisTint:
         structure = matt - usual * shade
         structure *= np.minimum(1, other / np.maximum(own, LIMITS.black_share))
         return np.asarray(other * white * shade + catch_light + structure, np.float32)
-
-
-def _within(away: F32, border: tuple[float, float]) -> F32:
-    """1 inside a border, at distances (h, w), 0 outside."""
-    outer, inner = border
-    share: F32 = np.minimum(np.maximum((outer - away) / np.float32(outer - inner), 0), 1)
-    return share
 
 
 def _set_off(unlike_white: F32, away: F32) -> F32:

@@ -23,21 +23,16 @@ from guise.common.tuned import tuned
 class InnerMouthLimits:
     """Lengths of the nose; colours in even light, to which the palette gives that of the scene."""
 
-    dark: tuple[float, float, float] = tuned((30, 14, 13), "RGB", "deidentify.expression")
     flesh: tuple[float, float, float] = tuned((105, 52, 48), "RGB", "deidentify.expression")
     tooth: tuple[float, float, float] = tuned((184, 178, 166), "RGB", "deidentify.expression")
-    # over which the inside begins at the lips
+    dark: float = tuned(0.28, "share", "deidentify.expression")  # of the flesh's light, behind it
+    # over which the inside begins at the lips, and teeth end
     edge: float = tuned(0.015, "nose lengths", "deidentify.expression")
     # down to where the upper ones reach, below the upper lip at rest, with the lower ones behind,
     teeth: float = tuned(0.06, "nose lengths", "deidentify.expression")
-    teeth_end: float = tuned(0.02, "nose lengths", "deidentify.expression")  # over which they end there,
     # and how that rises to the sides, of the squared way there
     arc: float = tuned(0.35, "1/nose lengths", "deidentify.expression")
     lower: float = tuned(0.7, "ratio", "deidentify.expression")  # brightness of the lower ones
-    # between teeth, from the middle
-    gaps: tuple[float, ...] = tuned((0.0, 0.17, 0.31, 0.43, 0.54), "nose lengths", "deidentify.expression")
-    # shade and half width
-    gap: tuple[float, float] = tuned((0.12, 0.012), "share, nose lengths", "deidentify.expression")
     # shade of the teeth there, and how far down
     below_lip: tuple[float, float] = tuned((0.45, 0.05), "share, nose lengths", "deidentify.expression")
     # from which light falls on all of the teeth between lips
@@ -75,7 +70,8 @@ class InnerMouth:
         from_upper, from_lower = (
             y + LIMITS.arc * x * x - end for end in (ends[0] + self._from_nose, ends[1] - self._to_chin)
         )
-        dark, flesh, tooth = (np.array(colour) for colour in (LIMITS.dark, LIMITS.flesh, LIMITS.tooth))
+        flesh, tooth = np.array(LIMITS.flesh), np.array(LIMITS.tooth)
+        dark = LIMITS.dark * flesh
         parted = np.clip((below + above) / LIMITS.parted, 0, 1)
         lit = tooth * (parted * _shade(x, below))[:, None]
         colours = dark + _tongue(x, above)[:, None] * (flesh - dark)
@@ -87,7 +83,7 @@ class InnerMouth:
 
 def _reached(beyond: F64) -> F64:
     """(n,) share in [0, 1] of teeth at places beyond their end."""
-    return np.asarray(np.clip(beyond / LIMITS.teeth_end + 0.5, 0, 1))
+    return np.asarray(np.clip(beyond / LIMITS.edge + 0.5, 0, 1))
 
 
 def _tongue(x: F64, above: F64) -> F64:
@@ -98,10 +94,8 @@ def _tongue(x: F64, above: F64) -> F64:
 
 def _shade(x: F64, below: F64) -> F64:
     """(n,) how bright teeth are at places beside the middle and below the upper lip."""
-    (lip, reach), (gap, width) = LIMITS.below_lip, LIMITS.gap
-    from_gap = np.abs(np.abs(x)[:, None] - np.array(LIMITS.gaps)).min(1)
-    even = np.exp(-LIMITS.to_sides * x * x) * (1 - lip * np.exp(-np.maximum(below, 0) / reach))
-    return np.asarray(even * (1 - gap * np.exp(-np.square(from_gap / width))))
+    lip, reach = LIMITS.below_lip
+    return np.asarray(np.exp(-LIMITS.to_sides * x * x) * (1 - lip * np.exp(-np.maximum(below, 0) / reach)))
 
 
 class _AboutMouth:
