@@ -28,10 +28,10 @@ from guise.aam.skin_tone import toned
 from guise.aam.solid_shape import SolidFit
 from guise.aam.view_prior import SideViews
 from guise.app.drawing.donor import Donor
-from guise.app.drawing.face import FaceInFrame
+from guise.app.drawing.face import FEATHER, FaceInFrame
 from guise.app.drawing.look import Kind, Look
 from guise.app.drawing.memory import Memory
-from guise.app.drawing.passes.blend import FEATHER_FACE_WIDTHS, NARROW_FEATHER_FACE_WIDTHS, Blend
+from guise.app.drawing.passes.blend import Blend
 from guise.app.drawing.passes.brows import DrawnBrows, HeadBrows
 from guise.app.drawing.passes.cover import Cover, DonorGlasses, shown_mask
 from guise.app.drawing.passes.eyes import Apertures, Eyeballs, LidCloser
@@ -53,6 +53,7 @@ Step = Callable[
     [FaceInFrame, Memory], None
 ]  # of a pass: it completes the face, draws on its canvas, or remembers
 
+NARROW_FEATHER = FEATHER / 2  # in a disguise and with the papers' formulas: less of the own rim shows
 MAX_TEXTURE_DEVIATIONS = tuned(4.0, "deviations", "transfer")  # of the target's modes of appearance
 
 
@@ -157,7 +158,7 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     enlargement = Enlargement(donor.clean.detail, cv2.INTER_CUBIC)
     apertures = Apertures(reference, person.at_rest, (*own_eyes, *own_mouth), EYES, tint, ())
     drawn_brows = DrawnBrows(reference, np.eye(POINTS))
-    alpha = feather(mask, FEATHER_FACE_WIDTHS * reference.resolution)
+    alpha = feather(mask, FEATHER * reference.resolution)
     alpha = np.maximum(alpha, beards * feather(mask, BEARD_LIMITS.edge_face_widths * reference.resolution))
     blend, rest = Blend(relief, alpha, look.renderer), texture.transfer.source
     looks = (Gaze(irises.source, person.at_rest).follow,) if irises else ()
@@ -246,7 +247,7 @@ def _paper(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     light = PaperLight(reference, person.texels, mask, "least-squares" if look.exact else "symmetric")
     enlargement = Enlargement(identity.detail, cv2.INTER_LINEAR)
     apertures = Apertures(reference, person.at_rest, (*own_eyes, *own_mouth), (), tint, ())
-    alpha = feather(mask, NARROW_FEATHER_FACE_WIDTHS * reference.resolution)
+    alpha = feather(mask, NARROW_FEATHER * reference.resolution)
     blend = Blend(relief, alpha, look.renderer)
     looks = (Gaze(irises.source, person.at_rest).follow,) if irises else ()
     seeing = texture.look, texture.measure, texture.synthesise
@@ -266,7 +267,7 @@ def _puppet(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     if look.exact:
         light = PaperLight(reference, own.texels, mask)
     surface, enlargement = Finish(reference, mask), Enlargement(identity.detail, cv2.INTER_CUBIC)
-    alpha = feather(mask, FEATHER_FACE_WIDTHS * reference.resolution)
+    alpha = feather(mask, FEATHER * reference.resolution)
     blend = Blend(relief, alpha, look.renderer)
     placing = light.measure, enlargement.choose, blend.spread, blend.begin
     drawing = (
@@ -292,7 +293,7 @@ def _feathered(relief: Relief, shape: F64, beyond: F64) -> F32:
     drawn = np.zeros(np.ceil(mesh.max(0)[::-1]).astype(int) + 1, np.uint8)
     for triangle in np.round(16 * mesh).astype(np.int32)[reference.triangles]:
         cv2.fillConvexPoly(drawn, triangle, 1, shift=4)
-    alpha = feather(drawn > 0, NARROW_FEATHER_FACE_WIDTHS * reference.resolution)
+    alpha = feather(drawn > 0, NARROW_FEATHER * reference.resolution)
     alpha *= strands(mesh[:POINTS], drawn > 0, beyond, reference.resolution)
     places = _every_pixel(relief.mesh, reference).positions(mesh)
     return reference.scatter(remap_points(alpha, places))

@@ -15,13 +15,8 @@ from guise.app.drawing.memory import Memory
 from guise.common.arrays import F32
 from guise.common.closing import Closing
 from guise.common.small import mean
-from guise.common.tuned import tuned
 from guise.render import Compositor, make_compositor
 from guise.render.compositor import Renderer
-
-FEATHER_FACE_WIDTHS = tuned(0.02, "face widths", "picture.identity")  # standard deviation of the soft border
-# in a disguise and with the papers' formulas: less of the own rim shows
-NARROW_FEATHER_FACE_WIDTHS = FEATHER_FACE_WIDTHS / 2
 
 
 class Blend(Closing):

@@ -28,7 +28,7 @@ from guise.aam.landmarks.schemes import LEFT_BROW, NOSE_WINGS, RIGHT_BROW
 from guise.aam.mask import FEATURE_PARTS, skin_mask, soft_parts
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.aam.relief import Relief
-from guise.app.drawing.face import BROW_REACH, FaceInFrame
+from guise.app.drawing.face import BROW_REACH, FEATHER, FaceInFrame
 from guise.app.drawing.memory import SLACK, Memory, SurfaceMemory
 from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.decay import FRAME_SECONDS
@@ -45,8 +45,8 @@ class SharpnessLimits:
     band_face_widths: float = tuned(0.04, "face widths", "picture.truth")
     # of a lowering, by which eyes, brows and lips follow
     feature_share: float = tuned(0.4, "share", "picture.identity")
-    # standard deviation, before gradients are taken
-    smoothing_pixels: float = tuned(0.7, "pixels", "picture.identity")
+    # standard deviation, within which all is noise
+    smoothing_pixels: float = tuned(0.8, "pixels", "picture.identity")
     places: int = tuned(800, "places", "speed")  # on skin, half of them for grain
     # share of the places that must lie in the picture
     min_inside: float = tuned(0.5, "share", "picture.identity")
@@ -54,10 +54,8 @@ class SharpnessLimits:
     max_excess: float = tuned(4.0, "ratio", "picture.identity")
     # of gradients, grey levels squared, below which both are smooth
     min_energy: float = tuned(4.0, "squared grey levels", "picture.identity")
-    # by which the frame may be sharper
+    # by which the frame may be sharper; above that its own structure is shown
     slack_octaves: tuple[float, float] = tuned((-0.1, 0.3), "octaves of gradient energy", "picture.identity")
-    # the same, above which the frame's own structure is shown
-    own_slack_octaves: float = tuned(0.4, "octaves of gradient energy", "picture.identity")
     rate: float = tuned(0.35, "share", "picture.identity")  # of a difference made up for at each measurement
     # of a face, in which every frame is measured and made up for twice as fast
     first_seconds: float = tuned(12 * FRAME_SECONDS, "seconds", "picture.identity")
@@ -70,15 +68,11 @@ class SharpnessLimits:
 class GrainLimits:
     """What is measured, how often, and how much is added."""
 
-    # of the Gaussian beyond which nothing counts as grain
-    finest_sigma_pixels: float = tuned(0.8, "pixels", "picture.truth")
     patch_pixels: int = tuned(9, "pixels", "picture.truth")  # sides of the squares whose energy is measured
     # of the squares' energies: skin without features
     smooth_quantile: float = tuned(0.3, "quantile", "picture.truth")
     # of the variance added to a texture that the picture shows in the finest band
     shown_share: float = tuned(0.3, "share", "picture.truth")
-    rate: float = tuned(0.4, "share", "picture.truth")  # share of a difference made up for at each
-    max_grey_levels: float = tuned(4.0, "grey levels", "picture.truth")  # standard deviation
     # below which rounding would swallow it
     min_grey_levels: float = derived(
         0.3, "grey levels", "the standard deviation of rounding to whole levels is 0.29"
@@ -97,8 +91,6 @@ class OwnSkinLimits:
     fold_grey_levels: float = tuned(3.0, "grey levels", "picture.identity")
     # around eyes, brows, lips and nostrils of either face
     feature_growth_face_widths: float = tuned(0.035, "face widths", "picture.identity")
-    # standard deviation by which it fades at the edge of skin
-    rim_face_widths: float = tuned(0.02, "face widths", "picture.identity")
     cell_grid_pixels: int = tuned(4, "grid pixels", "speed")  # between which places are interpolated
 
 
@@ -179,8 +171,7 @@ class Finish:
             if pair is not None:
                 there, own = (quantile(energies, GRAIN.smooth_quantile) for energies in pair)
                 missing = (there - own) / GRAIN.shown_share
-                variance = kept.variance + GRAIN.rate * missing
-                kept.variance = _within(variance, 0.0, GRAIN.max_grey_levels**2)
+                kept.variance = max(kept.variance + LIMITS.rate * missing, 0.0)
         if kept.edges is not None:
             kept.sharpness_seen = now
             pair = _beside(kept.edges, gradient_energy(canvas.roi), self._at_edges, mesh, LIMITS.min_inside)
@@ -194,7 +185,7 @@ def _adjust(kept: SurfaceMemory, octaves: float, now: float) -> None:
     beyond = octaves - _within(octaves, *LIMITS.slack_octaves)
     early = now < (kept.began or 0.0) + LIMITS.first_seconds - SLACK
     rate = 1.0 if now == kept.began else LIMITS.rate * (2 if early else 1)
-    kept.own_share = _within(kept.own_share + rate * (octaves - LIMITS.own_slack_octaves), 0.0, 1.0)
+    kept.own_share = _within(kept.own_share + rate * (octaves - LIMITS.slack_octaves[1]), 0.0, 1.0)
     kept.gain = _within(kept.gain * 2 ** (rate * beyond / 2), *LIMITS.gain)
 
 
@@ -235,9 +226,7 @@ class OwnSkin:
         reference = relief.reference
         self._width = reference.resolution
         features = (*FEATURE_PARTS, NOSE_WINGS)
-        skin = cv2.GaussianBlur(
-            skin_mask(reference).astype(np.float32), (0, 0), OWN.rim_face_widths * self._width
-        )
+        skin = cv2.GaussianBlur(skin_mask(reference).astype(np.float32), (0, 0), FEATHER * self._width)
         self._share = skin * (1 - soft_parts(reference, features, OWN.feature_growth_face_widths))
         self._share *= 1 - soft_parts(reference, (RIGHT_BROW, LEFT_BROW), BROW_REACH)
         h, w = reference.size
@@ -286,6 +275,6 @@ def _typical(energies: F32) -> float:
 def grain_energy(picture: U8) -> F32:
     """(h, w) mean square of the finest band around each pixel of a picture (h, w, 3), brightness first."""
     luma = cv2.extractChannel(picture, 0).astype(np.float32)
-    luma -= cv2.GaussianBlur(luma, (0, 0), GRAIN.finest_sigma_pixels)
+    luma -= cv2.GaussianBlur(luma, (0, 0), LIMITS.smoothing_pixels)
     side = (GRAIN.patch_pixels, GRAIN.patch_pixels)
     return np.asarray(cv2.boxFilter(luma * luma, -1, side), np.float32)
