@@ -33,6 +33,8 @@ BROW_THICKNESS = tuned(0.05, "face widths", "picture.truth")
 # About a brow's points, within which all of its hair lies, also while it rises.
 BROW_REACH = tuned(0.09, "face widths", "picture.truth")
 CELL = tuned(0.0125, "face widths", "picture.truth")  # between places at which a parsing is looked at
+# Between places of what is smooth all over a face: light, and what a turned head shows of it.
+COARSE_CELL = tuned(0.025, "face widths", "speed")
 # Between two parsed frames while no object moves over the face.
 PAUSE_SECONDS = tuned(0.1, "seconds", "speed")
 # Of a painted iris, at which there is none, and all of it.

@@ -20,7 +20,7 @@ from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
-from guise.app.drawing.face import BLACK_GREY_LEVELS, MIN_SHARE, FaceInFrame
+from guise.app.drawing.face import BLACK_GREY_LEVELS, COARSE_CELL, MIN_SHARE, FaceInFrame
 from guise.app.drawing.memory import FaceLight, Memory
 from guise.common.arrays import F32, Bool, Int
 from guise.common.decay import Decay
@@ -30,12 +30,10 @@ from guise.common.tuned import tuned
 
 @dataclass(frozen=True)
 class QuotientLightLimits:
-    """Widths, ranges and memory."""
+    """Width and memory."""
 
-    cell_face_widths: float = tuned(1 / 40, "face widths", "speed")
     # standard deviation of the means that are divided
     width_face_widths: float = tuned(0.025, "face widths", "picture.identity")
-    ratio: tuple[float, float] = tuned((0.08, 8.0), "ratio", "picture.truth")  # of a channel
     memory: Decay = tuned(Decay(0.65), "share", "picture.truth")
 
 
@@ -57,7 +55,7 @@ class QuotientLight:
     """
 
     def __init__(self, reference: ReferenceFrame, texels: Int, mask: Bool, enrolled: tuple[F32, F32]) -> None:
-        grid = CoarseGrid(reference, LIMITS.cell_face_widths)
+        grid = CoarseGrid(reference, COARSE_CELL)
         self._skin = texels[(skin_mask(reference) & mask)[reference.mask][texels]]
         self._in_seen = np.flatnonzero(np.isin(texels, self._skin))
         self._sums = TexelSums(grid.size, grid.places(self._skin))
@@ -110,7 +108,7 @@ class QuotientLight:
     def _ratio(self, sums: F32) -> F32:
         """(3, h, w) of the frame's colours over the person's own, from sums (7, h, w) of both and of weights."""
         means = self._smoother.means(sums) + BLACK
-        return _within(np.divide(means[3:], means[:3]), LIMITS.ratio)
+        return np.asarray(means[3:] / means[:3], np.float32)
 
     def _map(self, ratio: F32) -> F32:
         """(6, h, w) gain and offset that multiply the face's colours, over its black, by a ratio (3, h, w)."""
@@ -146,8 +144,3 @@ def _moved(light: FaceLight, aim: FaceLight, share: float) -> FaceLight:
     change = sums[0] / np.maximum(sums[1], 1e-4)
     now, parts = light.map * np.concatenate([change, change])[:, None, None], light.parts * change
     return FaceLight(now + share * (aim.map - now), parts + share * (aim.parts - parts))
-
-
-def _within(values: F32, limits: tuple[float, float]) -> F32:
-    least, most = limits
-    return np.minimum(np.maximum(values, np.float32(least)), np.float32(most))

@@ -18,7 +18,7 @@ from guise.aam.landmarks.schemes import EYES, LIPS, NOSE
 from guise.aam.mask import soft_parts
 from guise.aam.reference import MeshSampler
 from guise.aam.relief import Relief
-from guise.app.drawing.face import FaceInFrame, Fold
+from guise.app.drawing.face import COARSE_CELL, FaceInFrame, Fold
 from guise.app.drawing.memory import Memory
 from guise.common.arrays import F32, F64, I32, U8, Bool, Floating, Int
 from guise.common.tuned import tuned
@@ -30,7 +30,6 @@ class SilhouetteLimits:
 
     whole_cosine: float = tuned(0.18, "cosine", "picture.turned")  # from which all of it is,
     whole_share: float = tuned(0.5, "share", "picture.turned")  # or this of what it is from the front
-    cell_face_widths: float = tuned(0.03, "face widths", "speed")
     # around the nose, which hides what lies behind it, not itself
     nose_growth_face_widths: float = tuned(0.03, "face widths", "picture.turned")
 
@@ -66,7 +65,7 @@ class Silhouette:
         ys, xs = np.divmod(reference.pixels[texels], reference.size[1])
         self._texels = MeshSampler.build(relief.mesh, np.column_stack([xs, ys]).astype(np.float64))
         self._size = reference.size
-        cell = LIMITS.cell_face_widths * reference.resolution
+        cell = COARSE_CELL * reference.resolution
         self._cells = tuple(max(2, round(length / cell)) for length in reference.size)
         axes = (
             (np.arange(n) + 0.5) * length / n - 0.5 for n, length in zip(self._cells, self._size, strict=True)
