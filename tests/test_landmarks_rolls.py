@@ -179,6 +179,23 @@ def test_a_face_is_found_at_any_roll_as_well_as_upright(degrees: int) -> None:
     assert abs(np.angle(np.exp(1j * (turn_of(face.points) - np.radians(degrees))))) < 0.1
 
 
+@pytest.mark.parametrize(
+    ("person", "degrees", "shift"),
+    [("p01", 210, (-0.2, 0.45)), ("p01", 195, (0.0, 0.45)), ("p06", 225, (-0.2, 0.3))],
+)
+def test_a_face_upside_down_in_the_box_of_an_upright_one_is_read_the_right_way_up(
+    person: str, degrees: int, shift: tuple[float, float]
+) -> None:
+    rgb, truth = rolled(*still(person), degrees)
+    low, high = truth[IBUG68].min(0), truth[IBUG68].max(0)
+    centre = (low + high) / 2 + (high - low).max() * np.array(shift)
+    half = 0.4 * (high - low).max()
+    face = landmarker().points_in_box(rgb, np.concatenate([centre - half, centre + half]), 0.0)
+    assert face is not None
+    assert error(face.points, truth) < 0.06
+    assert face.confidence > 0.9
+
+
 def test_a_landmarker_of_upright_faces_does_not_turn_the_picture() -> None:
     rgb, _ = rolled(*still(), 180)
     assert not [f for f in BuiltinLandmarker(turned=()).detect(rgb) if f.confidence >= 0.5]

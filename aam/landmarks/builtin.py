@@ -3,7 +3,8 @@
 `aam/data/landmarks.onnx` and the confidence in `aam/data/landmarks.json` are made by scripts in `training/`;
 `aam/data/landmarks.md` says by which, from what data, under what licence, and how large the errors are. The network
 sees an upright square crop of 128 x 128 pixels about the face and gives each point with a standard deviation, and how
-much the crop looks like a face.  A picture in which no upright face is found is searched at the other rolls, too.
+much the crop looks like a face.  A picture in which no upright face is found is searched at the other rolls, too, and
+a face that is not sure is looked at the other way up: detectors take some faces for upright that hang upside down.
 
 Pixels, x right, y down, pixel centres at integers; images RGB uint8 (h, w, 3). Not for several threads at once.
 """
@@ -25,7 +26,7 @@ from guise.aam.landmarks.correction import shipped
 from guise.aam.landmarks.crops import MIN_SIDE_PIXELS, crop_to_picture, upright_square
 from guise.aam.landmarks.face import BoxDetector, Face, iou
 from guise.aam.landmarks.plausible import visible_share
-from guise.aam.landmarks.rolls import TURNED, UPRIGHT, detect_at_rolls, turn_of, upward
+from guise.aam.landmarks.rolls import HALF_TURN, TURNED, UPRIGHT, detect_at_rolls, turn_of, upward
 from guise.aam.landmarks.schemes import interocular
 from guise.aam.onnx_model import ShippedNetwork
 from guise.common.arrays import F32, F64, U8
@@ -57,6 +58,7 @@ class LandmarkerLimits:
         0.0  # unless the crop looks like a face: rolled by 45 degrees its points are unsure
     )
     min_confidence: float = 0.05  # of a face that is reported
+    sure_confidence: float = 0.9  # of a face in a box, from which it is not looked at upside down as well
     min_upright_confidence: float = 0.5  # of an upright face, from which no others are searched for,
     max_upright_turn: float = 0.5  # radians, unless it leans by more: then others may lean farther
 
@@ -184,6 +186,8 @@ class BuiltinLandmarker:
     def points_in_box(self, rgb: U8, box: NDArray[Any], turn: float = 0.0) -> Face | None:
         """The face whose iBUG-68 points fill box (4,) ``x0 y0 x1 y1``: one pass, and another on the upright crop.
 
+        Where that is not sure, it may be a face that is upside down in the box, if half turns are searched at all.
+
         turn : radians, by which the face is rolled clockwise, to about 45 degrees.
         """
         return self.look_in_box(rgb, box, turn)[0]
@@ -191,9 +195,12 @@ class BuiltinLandmarker:
     def look_in_box(self, rgb: U8, box: NDArray[Any], turn: float = 0.0) -> tuple[Face | None, float]:
         """Both `points_in_box` and `likeness`, which begin with the same pass."""
         first = self._first(rgb, box, turn)
-        if not first.is_usable or not self._is_hopeful(first):
-            return None, first.logit
-        return self._judged(rgb, self._pass(rgb, *upright_square(first.points))), first.logit
+        face = self._second(rgb, first)
+        if face is None or face.confidence >= LIMITS.sure_confidence or HALF_TURN not in self._turned:
+            return face, first.logit
+        other = self._other_way_up(rgb, face)
+        is_surer = other is not None and other.confidence > face.confidence
+        return other if is_surer else face, first.logit
 
     def likeness(self, rgb: U8, box: NDArray[Any], turn: float = 0.0) -> float:
         """How much the crop about box (4,) ``x0 y0 x1 y1`` looks like a face, also one too small or hidden for points.
@@ -211,6 +218,20 @@ class BuiltinLandmarker:
             CROP.head_box_sides * side,
             turn,
         )
+
+    def _second(self, rgb: U8, first: Prediction) -> Face | None:
+        """The face after another pass, on the upright crop; None where the first is not like a face."""
+        if not first.is_usable or not self._is_hopeful(first):
+            return None
+        return self._judged(rgb, self._pass(rgb, *upright_square(first.points)))
+
+    def _other_way_up(self, rgb: U8, face: Face) -> Face | None:
+        """The face that is upside down where another was seen; a pass more, as its middle lies elsewhere."""
+        centre, side, turn = upright_square(face.points.astype(np.float64))
+        rough = self._pass(rgb, centre, side, turn + np.pi)
+        if not rough.is_usable or not self._is_hopeful(rough):
+            return None
+        return self._second(rgb, self._pass(rgb, *upright_square(rough.points)))
 
     def _pass(self, rgb: U8, centre: F64, side: float, turn: float) -> Prediction:
         crop, inverse = cut(rgb, centre, CROP.side_head_boxes * side, turn)

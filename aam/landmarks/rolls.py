@@ -22,6 +22,7 @@ from guise.common.arrays import F32, F64, U8, Floating
 
 UPRIGHT = (0,)
 TURNED = (1, 2, 3)
+HALF_TURN = 2
 EVERY_ROLL = (*UPRIGHT, *TURNED)
 _BEYOND_GREY_LEVEL = 112  # of what lies beyond a turned picture's edges
 _TURNED_INTERVAL = 3  # pictures from one search at another roll than upright to the next
