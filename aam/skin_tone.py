@@ -97,7 +97,7 @@ def with_rim_of(texture: F32, other: F32, bare: F32, reference: ReferenceFrame) 
 
     What is drawn ends there, and the other's skin goes on: in the same light no border is seen then.
 
-    bare : (h, w) share in [0, 1] by which either has skin there, see `beards_off`.
+    bare : (h, w) share in [0, 1] by which both have bare skin there.
     """
     skin = skin_mask(reference)
     weight = skin * bare
