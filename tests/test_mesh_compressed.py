@@ -11,6 +11,7 @@ from test_mesh import sheet
 from test_mesh_gltf import SIDE2, TRIANGLES, Glb, document, head, ways
 
 from guise.analogy.formats.files import read_mesh, read_rig, write_rig
+from guise.analogy.formats.gltf_container import GltfContainer
 from guise.analogy.mesh import MeshError
 
 DRACO, MESHOPT = "KHR_draco_mesh_compression", "EXT_meshopt_compression"
@@ -179,3 +180,22 @@ def test_a_missing_attribute_of_draco_is_said(tmp_path: Path) -> None:
     (tmp_path / "a.glb").write_bytes(data(made))
     with pytest.raises(MeshError, match="POSITION is missing"):
         read_mesh(tmp_path / "a.glb")
+
+
+def test_bounds_are_those_of_what_was_decoded(tmp_path: Path) -> None:
+    """Draco rounds positions; the bounds in the file are those before, or wrong altogether."""
+    made = with_draco(head())
+    for accessor in made.json["accessors"]:
+        accessor["min"], accessor["max"] = ([-7.0] * len(accessor["min"]), [7.0] * len(accessor["max"]))
+    (tmp_path / "packed.glb").write_bytes(data(made))
+    file = read_mesh(tmp_path / "packed.glb")
+    write_rig(tmp_path / "rig.glb", file, ["smile"], file.mesh.vertices[None] + 1)
+    held = GltfContainer.read((tmp_path / "rig.glb").read_bytes(), tmp_path)
+    primitive = held.json["meshes"][0]["primitives"][0]
+    for index in (
+        primitive["indices"],
+        *(primitive["attributes"][name] for name in ("POSITION", "JOINTS_0")),
+    ):
+        values, accessor = held.read_accessor(index), held.json["accessors"][index]
+        assert_array_equal(accessor["min"], values.min(axis=0))
+        assert_array_equal(accessor["max"], values.max(axis=0))

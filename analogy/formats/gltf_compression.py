@@ -103,9 +103,12 @@ def _expand_primitives(held: Json, buffer: bytearray, library: ModuleType) -> No
 
 
 def _fill(held: Json, buffer: bytearray, index: int, values: NDArray[Any]) -> None:
-    """Give an accessor a view of its own with values (count, width)."""
+    """Give an accessor a view of its own with values (count, width), and their bounds, which rounding has moved."""
     accessor = held["accessors"][index]
-    data = np.ascontiguousarray(values, COMPONENT_TYPES[accessor["componentType"]]).tobytes()
+    exact = np.ascontiguousarray(values, COMPONENT_TYPES[accessor["componentType"]])
+    data = exact.tobytes()
+    if "min" in accessor and len(exact):
+        accessor |= {"min": exact.min(axis=0).tolist(), "max": exact.max(axis=0).tolist()}
     held["bufferViews"].append({"buffer": 0, "byteOffset": _append(buffer, data), "byteLength": len(data)})
     accessor |= {"bufferView": len(held["bufferViews"]) - 1, "byteOffset": 0, "count": len(values)}
 
