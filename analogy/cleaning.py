@@ -8,6 +8,8 @@ either the surface folds back where they meet, or the file has texture coordinat
 that it splits the vertices on purpose (unless it splits every corner).  Vertices that a morph target of the file moves
 apart are never welded.
 
+A mesh that is inside out, as a mirrored head whose faces kept their winding, is turned.
+
 Dropped: faces without area (up to rounding), duplicate faces, and vertices that are then unused; these move with the
 nearest vertex that is kept.  Polygons of more than four sides become fans of triangles.  Holes, several components and
 edges with more than two faces stay as they are.
@@ -49,11 +51,13 @@ class CleanedMesh:
 
     mesh : clean, N vertices.   kept : (N,) their ids in the file.
     ids : (n,) for each vertex of the file, the clean vertex that it is or moves with.
+    turned : whether the faces of the file are inside out, and those of the clean mesh wound the other way.
     """
 
     mesh: Mesh
     kept: Int
     ids: Int
+    turned: bool = False
 
     @classmethod
     def of(
@@ -89,7 +93,8 @@ class CleanedMesh:
         lost = np.flatnonzero(ids < 0)
         if len(lost):
             ids[lost] = cKDTree(mesh.vertices).query(vertices[lost])[1]
-        return cls(mesh, kept, ids)
+        turned = mesh.is_inside_out
+        return cls(mesh.turned() if turned else mesh, kept, ids, turned)
 
 
 def _require_usable(vertices: F64, polygons: Polygons) -> None:

@@ -19,6 +19,10 @@ from guise.analogy.tents import Rings
 from guise.common.arrays import F64, Int
 from guise.common.errors import GuiseError
 
+MIN_VOLUME_SHARE = (
+    5e-3  # that the faces of a solid mesh enclose, of the cube around it: a head has 0.07 to 0.14
+)
+
 
 class MeshError(GuiseError):
     """A mesh or mesh file that cannot be used; one sentence."""
@@ -85,6 +89,25 @@ class Mesh:
         ones = np.ones(len(rings.start), np.int8)
         graph = sp.coo_array((ones, (rings.start, rings.end)), shape=(rings.count, rings.count))
         return np.asarray(connected_components(graph, directed=False)[1], np.intp)
+
+    @property
+    def is_inside_out(self) -> bool:
+        """Whether its faces look inwards, as those of a mirrored head do: they enclose a negative volume.
+
+        Holes, such as an open neck, don't matter.
+
+        >>> corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+        >>> inwards = Mesh.of_triangles(corners, [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+        >>> inwards.is_inside_out, inwards.turned().is_inside_out
+        (True, False)
+        """
+        a, b, c = (self.vertices[self.faces[:, k]] - self.vertices.mean(axis=0) for k in range(3))
+        volume = np.einsum("ij,ij->", a, np.cross(b, c)) / 6
+        return bool(volume < -MIN_VOLUME_SHARE * self.extent**3)
+
+    def turned(self) -> Mesh:
+        """The same mesh with every face wound the other way."""
+        return Mesh(self.vertices, self.triangles[:, ::-1], self.quads[:, ::-1])
 
     def with_vertices(self, vertices: F64) -> Mesh:
         """The same faces over other vertices (N, 3); what depends on the faces alone is kept.

@@ -16,7 +16,8 @@ class StoredNormals:
     """The normals of a file, which follow its vertices.
 
     Each normal changes as much as the normal of the faces around it.  Hard edges and manual edits therefore stay, and
-    nothing changes where nothing moves.
+    nothing changes where nothing moves.  Those that point away from the normals of their faces, as in a mirrored file
+    whose faces kept their winding, follow the faces' backs.
 
     Parameters
     ----------
@@ -34,10 +35,11 @@ class StoredNormals:
         share = 1 / np.bincount(ids, minlength=len(normals)).clip(1)
         self._means = _summing_matrix(ids, fans, len(normals), int(fans.max()) + 1, share[ids])
         self._before = self._of_fans(vertices)
+        self._side = -1.0 if float((normals * (self._means @ self._before)).sum()) < 0 else 1.0
 
     def updated(self, vertices: F64) -> F64:
         """The normals (k, 3) for other vertices (n, 3)."""
-        change = np.asarray(self._means @ (self._of_fans(vertices) - self._before))
+        change = self._side * np.asarray(self._means @ (self._of_fans(vertices) - self._before))
         turned = unit_vectors(self._normals + change * self._sizes) * self._sizes
         return np.where(any_coordinate(change != 0)[:, None], turned, self._normals)
 

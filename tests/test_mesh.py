@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
@@ -249,3 +250,37 @@ def test_normals_are_the_same_on_both_sides_of_a_seam() -> None:
     own = polygon_vertex_normals(sheet(), Polygons.of(grid()))[origin]
     moved = StoredNormals(own, polygons.corners, vertices, polygons, origin).updated(folded(vertices))
     assert_array_equal(moved[SIDE * SIDE :], moved[origin[SIDE * SIDE :]])
+
+
+@given(
+    st.integers(0, 3),
+    st.floats(1e-3, 1e3),
+    st.tuples(*[st.floats(-100, 100)] * 3),
+    st.booleans(),
+    st.booleans(),
+)
+def test_a_mesh_that_is_inside_out_is_turned(
+    ball: int, size: float, place: tuple[float, float, float], mirrored: bool, open_below: bool
+) -> None:
+    """A head mirrored with its winding kept, of any size, anywhere, with a neck or none, is wound as the other is."""
+    made = trimesh.creation.icosphere(1 + ball)
+    faces = made.faces[made.triangles_center[:, 2] > -0.8] if open_below else made.faces
+    vertices = made.vertices * (1, 0.8, 1.3) * size * ((-1, 1, 1) if mirrored else 1) + np.array(place) * size
+    found = CleanedMesh.of(vertices, Polygons.of(np.asarray(faces)))
+    assert found.turned == mirrored
+    assert not found.mesh.is_inside_out
+    kept = found.kept[found.mesh.triangles]
+    assert_array_equal(kept[:, ::-1] if mirrored else kept, faces)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_normals_of_the_outer_side_follow_a_mirrored_surface(mirrored: bool) -> None:
+    """Whichever way the faces are wound, normals that point outwards turn with the surface."""
+    ball = trimesh.creation.icosphere(2)
+    faces = Polygons.of(np.asarray(ball.faces[:, ::-1] if mirrored else ball.faces))
+    places = np.arange(len(ball.vertices))
+    held = StoredNormals(np.array(ball.vertices), faces.corners, np.array(ball.vertices), faces, places)
+    flat = held.updated(ball.vertices * (1, 1, 0.5))
+    upright = ball.vertices[:, 2] > 0.5
+    assert (flat[upright, 2] > ball.vertices[upright, 2] - 1e-9).all()
+    assert (flat[upright, 2] > ball.vertices[upright, 2] + 1e-3).mean() > 0.9

@@ -395,3 +395,36 @@ def test_rigid_parts_stay_when_asked(
     kept, free = (vertices(here / folder / "mean_smile.obj")[-4:] for folder in ("kept", "free"))
     assert np.abs(kept - vertices(target)[-4:]).max() < 1e-3
     assert np.abs(free - vertices(target)[-4:]).max() > 5e-3
+
+
+@pytest.mark.parametrize(
+    ("scale", "given", "noted"), [(12, (), True), (12, ("--unit", "cm"), False), (0.01, (), True)]
+)
+def test_a_head_of_another_unit_is_scaled_or_said(
+    here: Path, points: tuple[str, str], capsys: pytest.CaptureFixture[str], scale: float, given: tuple[str, ...],
+    noted: bool,
+) -> None:  # fmt: skip
+    """A head 29 m tall, as one is that was modelled in centimetres, gets a note unless its unit is given."""
+    target = moved(HEAD, here / "target.obj", lambda at: at * scale)
+    code, _, err = run(capsys, "rig", RIG, "--target", target, "-o", "out.glb", *given)
+    assert code == 0
+    assert ("m tall" in err) == noted
+    size = np.ptp(read_rig(here / "out.glb").file.mesh.vertices, axis=0).max()
+    assert size == pytest.approx(2.6164 * scale * (0.01 if given else 1), rel=1e-4)
+
+
+@pytest.mark.parametrize("command", ["transfer", "rig", "register", "landmarks", "preview"])
+def test_every_command_turns_a_mirrored_head_with_one_note(
+    here: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    target = moved(OTHER, here / "mirror.obj", lambda at: at * (-1, 1, 1))
+    calls = {
+        "transfer": (HEAD, SMILE, "--target", target, "-o", "out"),
+        "rig": (RIG, "--target", target, "-o", "out.glb"),
+        "register": (HEAD, target, "-o", "out.obj"),
+        "landmarks": (target, "-o", "out.json"),
+        "preview": (target, "-o", "out.png"),
+    }
+    code, _, err = run(capsys, command, *calls[command])
+    assert code == 0
+    assert err.count("is inside out") == 1

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 from test_mesh import grid, sheet, slit
@@ -343,3 +345,32 @@ def test_data_in_an_address_is_read(tmp_path: Path) -> None:
     made.json["buffers"] = [{"byteLength": len(made.buffer), "uri": address}]
     (tmp_path / "a.gltf").write_text(json.dumps(made.json))
     assert_allclose(read_mesh(tmp_path / "a.gltf").mesh.vertices, sheet(), atol=1e-7)
+
+
+@given(st.lists(st.sampled_from(["anger", "anger_2", "anger_3", "", "smile", "target_01"]), min_size=1, max_size=7),
+       st.sampled_from(["mesh", "primitive", "both"]))  # fmt: skip
+def test_every_morph_target_keeps_its_motion_and_has_a_name_of_its_own(names: list[str], where: str) -> None:
+    """However often a name occurs, and whether the mesh or its primitive names them."""
+    moves = [np.full((SIDE2, 3), k + 1.0) for k in range(len(names))]
+    made = head({f"{k}": move for k, move in enumerate(moves)})
+    mesh = made.json["meshes"][0]
+    mesh["extras"] = {"targetNames": names} if where != "primitive" else "not an object"
+    if where != "mesh":
+        mesh["primitives"][0]["extras"] = {"targetNames": names if where == "primitive" else ["wrong"]}
+    held = GltfDocument(made.data(), Path())
+    assert len(held.displacements) == len(names)
+    for move, own in zip(moves, held.displacements.values(), strict=True):
+        assert_array_equal(own, move)
+    firsts = {name for name in names if name}
+    assert firsts <= set(held.displacements)
+    assert held.repeated_names == [name for name in dict.fromkeys(names) if name and names.count(name) > 1]
+
+
+def test_a_rig_forgets_names_in_primitives(tmp_path: Path) -> None:
+    made = head(ways(2))
+    made.json["meshes"][0]["primitives"][0]["extras"] = made.json["meshes"][0].pop("extras")
+    file = made.read(tmp_path)
+    assert read_rig(file.path).names == tuple(ways(2))
+    write_rig(tmp_path / "rig.glb", file, ["smile"], file.mesh.vertices[None] + 1)
+    assert read_rig(tmp_path / "rig.glb").names == ("smile",)
+    assert "jawOpen" not in str(document(tmp_path / "rig.glb"))

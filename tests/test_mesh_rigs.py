@@ -290,3 +290,34 @@ def test_morph_targets_hold_only_what_moves(count: int, tmp_path: Path) -> None:
     index = held["accessors"].index(accessor)
     values = GltfContainer.read((tmp_path / "rig.glb").read_bytes(), tmp_path).read_accessor(index)
     assert_array_equal([accessor["min"], accessor["max"]], [values.min(0), values.max(0)])
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".glb"])
+def test_a_rig_is_scaled_as_a_whole(suffix: str, tmp_path: Path) -> None:
+    target = targets(tmp_path, suffix)
+    shapes = target.mesh.vertices + np.stack(list(ways().values()))
+    write_rig(tmp_path / "rig.glb", target, list(ways()), shapes, 0.01)
+    rig = read_rig(tmp_path / "rig.glb")
+    assert_allclose(rig.file.mesh.vertices, target.mesh.vertices / 100, atol=1e-7)
+    assert_allclose(rig.shapes, shapes / 100, atol=1e-7)
+    seen = trimesh.load(tmp_path / "rig.glb", process=False)
+    assert_allclose(seen.bounds * 100, [target.mesh.vertices.min(0), target.mesh.vertices.max(0)], atol=1e-4)
+
+
+@pytest.mark.parametrize("normals", ["", "out", "in"])
+def test_a_rig_made_of_a_file_that_is_inside_out_is_wound_right(normals: str, tmp_path: Path) -> None:
+    ball = trimesh.creation.icosphere(2)
+    lines = [f"v {-x} {y} {z}" for x, y, z in ball.vertices]
+    side = -1 if normals == "in" else 1
+    lines += [f"vn {-x * side} {y * side} {z * side}" for x, y, z in ball.vertices if normals]
+    lines += [
+        "f " + " ".join(f"{k + 1}//{k + 1}" if normals else f"{k + 1}" for k in face) for face in ball.faces
+    ]
+    (tmp_path / "ball.obj").write_text("\n".join(lines))
+    file = read_mesh(tmp_path / "ball.obj")
+    assert len(file.notes) == 1
+    write_rig(tmp_path / "rig.glb", file, ["grown"], file.mesh.vertices[None] * 1.5)
+    made = read_mesh(tmp_path / "rig.glb")
+    assert not made.notes
+    assert made.document.normals is not None
+    assert ((made.document.normals * made.document.vertices).sum(1) > 0.9).all()

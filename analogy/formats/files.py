@@ -28,7 +28,7 @@ from guise.analogy.formats.gltf import GltfDocument
 from guise.analogy.formats.gltf_build import build_glb
 from guise.analogy.formats.gltf_rig import animation_frames, build_rig_glb
 from guise.analogy.formats.polygons import Polygons
-from guise.analogy.mesh import Mesh, MeshError
+from guise.analogy.mesh import Mesh, MeshError, printable_excerpt
 from guise.analogy.normals import StoredNormals, any_coordinate
 from guise.common.arrays import F64, Int
 from guise.common.files import natural_key, write_whole
@@ -49,6 +49,23 @@ class MeshFile:
     @property
     def mesh(self) -> Mesh:
         return self.cleaned.mesh
+
+    @property
+    def notes(self) -> list[str]:
+        """What the user should know of the file, a sentence each."""
+        found = []
+        if self.cleaned.turned:
+            found.append(
+                f"{self.path} is inside out, as a mirrored head is: its faces are turned for the work, and stay as "
+                "they are in files of its own format"
+            )
+        repeated = self.document.repeated_names if isinstance(self.document, GltfDocument) else []
+        if repeated:
+            names = ", ".join(printable_excerpt(name) for name in repeated)
+            found.append(
+                f"{self.path} has several morph targets of one name ({names}): all but the first are numbered"
+            )
+        return found
 
     def write(self, path: Path, vertices: F64) -> None:
         """Write the file with the vertices (N, 3) of the clean mesh to `path`, in the same format.
@@ -148,10 +165,14 @@ def read_rig(path: Path) -> Rig:
     return Rig(found, tuple(shapes), np.stack([found.mesh.vertices + way[kept] for way in shapes.values()]))
 
 
-def write_rig(path: Path, target: MeshFile, names: Sequence[str], shapes: Sequence[F64] | F64) -> None:
+def write_rig(
+    path: Path, target: MeshFile, names: Sequence[str], shapes: Sequence[F64] | F64, scale: float = 1.0
+) -> None:
     """Write a target of any format as GLB, with a morph target for each of its k named shapes (N, 3).
 
     Normals and materials are kept; earlier morph targets of the target are dropped.
+
+    scale : metres per unit of the target.
 
     Raises
     ------
@@ -178,7 +199,9 @@ def write_rig(path: Path, target: MeshFile, names: Sequence[str], shapes: Sequen
     )
     _write(
         path,
-        _with_file_name(target.path, build_rig_glb, document, normals, placed, moves, target.path.parent),
+        _with_file_name(
+            target.path, build_rig_glb, document, normals, placed, moves, target.path.parent, scale
+        ),
     )
 
 
@@ -224,7 +247,8 @@ def _as_glb(target: MeshFile) -> tuple[GltfDocument, Int]:
     if isinstance(held, GltfDocument):
         return held, np.arange(len(held.vertices))
     materials, ids = document_materials(held, target.path.parent)
-    data, origin = build_glb(held, target.cleaned.kept[target.cleaned.ids], materials, ids)
+    places, turned = target.cleaned.kept[target.cleaned.ids], target.cleaned.turned
+    data, origin = build_glb(held, places, materials, ids, turned=turned)
     return GltfDocument(data, target.path.parent), origin
 
 

@@ -161,6 +161,14 @@ class GltfDocument:
             raise MeshError(f"its morph target {printable_excerpt(bad)} is not finite (NaN or infinite)")
         return found
 
+    @property
+    def repeated_names(self) -> list[str]:
+        """Names that several morph targets of one mesh share."""
+        given = [_given_names(self.container, part)[: len(part.targets())] for part in self.parts]
+        return list(
+            dict.fromkeys(name for names in given for name in names if name and names.count(name) > 1)
+        )
+
     def encode(self, vertices: F64, normals: F64 | None) -> bytes:
         """The file with other vertices (n, 3) and normals (n, 3)."""
         if (vertices == self.vertices).all():
@@ -220,11 +228,24 @@ def damage_as_mesh_error() -> Iterator[None]:
 
 
 def target_names(container: GltfContainer, part: GltfPart) -> list[str]:
-    """The names of the morph targets of a part; unnamed ones are numbered."""
-    mesh = container.json["meshes"][part.mesh]
-    given = [str(name) for name in (mesh.get("extras") or {}).get("targetNames", [])]
+    """The names of the morph targets of a part, each once; unnamed ones and further ones of a name are numbered."""
+    given = _given_names(container, part)
     count = len(part.targets())
-    return [*given[:count], *(f"target_{i:02d}" for i in range(len(given), count))]
+    named = [given[i] if i < len(given) and given[i] else f"target_{i:02d}" for i in range(count)]
+    found: list[str] = []
+    for name in named:
+        again = (f"{name}_{number}" for number in range(2, count + 2))
+        found.append(next(one for one in again if one not in {*named, *found}) if name in found else name)
+    return found
+
+
+def _given_names(container: GltfContainer, part: GltfPart) -> list[str]:
+    """The names in a part's mesh, or else in its primitive, where UniVRM and others write them."""
+    for held in (container.json["meshes"][part.mesh], part.primitives[0]):
+        extras = held.get("extras")
+        if isinstance(extras, dict) and isinstance(extras.get("targetNames"), list):
+            return [str(name) for name in extras["targetNames"]]
+    return []
 
 
 def scene_parts(container: GltfContainer) -> list[GltfPart]:
@@ -265,15 +286,20 @@ def _mesh_matrices(container: GltfContainer) -> dict[int, F64]:
     return found
 
 
+def scene_roots(container: GltfContainer) -> list[int]:
+    """The nodes at the top of the scene; without a scene, all that are nobody's children."""
+    nodes, scenes = container.json.get("nodes", []), container.json.get("scenes", [])
+    if scenes:
+        return list(scenes[container.json.get("scene", 0)].get("nodes", []))
+    children = {child for node in nodes for child in node.get("children", [])}
+    return [i for i in range(len(nodes)) if i not in children]
+
+
 def _world_matrices(container: GltfContainer) -> dict[int, F64]:
     """The matrix (4, 4) of each node of the scene, parents first."""
-    nodes, scenes = container.json.get("nodes", []), container.json.get("scenes", [])
-    children = {child for node in nodes for child in node.get("children", [])}
-    roots = [i for i in range(len(nodes)) if i not in children]
-    if scenes:
-        roots = scenes[container.json.get("scene", 0)].get("nodes", [])
+    nodes = container.json.get("nodes", [])
     world: dict[int, F64] = {}
-    waiting = [(node, np.eye(4)) for node in reversed(roots)]
+    waiting = [(node, np.eye(4)) for node in reversed(scene_roots(container))]
     while waiting:
         node, above = waiting.pop()
         if node not in world:

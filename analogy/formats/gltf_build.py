@@ -18,13 +18,14 @@ SKIN_ROUGHNESS = 0.7  # for materials without one
 
 
 def build_glb(
-    source: Document, places: Int, materials: list[Material], material_ids: Int
+    source: Document, places: Int, materials: list[Material], material_ids: Int, *, turned: bool = False
 ) -> tuple[bytes, Int]:
     """A GLB, and (m,) the source vertex of each of its vertices.
 
     places : (n,) the same number for vertices split by a seam.   material_ids : (p,) of the polygons.
+    turned : wind the faces the other way, as the source is inside out.
     """
-    given = _corner_attributes(source, places)
+    given = _corner_attributes(source, places, -1 if turned else 1)
     first, ids = _unique_corners([source.polygons.corners, *(rows for _, rows in given.values())])
     origin = source.polygons.corners[first]
     out = GltfContainer({"asset": {"version": "2.0", "generator": "guise"}}, bytearray())
@@ -32,7 +33,7 @@ def build_glb(
     attributes |= {name: _append_floats(out, values[rows[first]]) for name, (values, rows) in given.items()}
     if source.colours is not None:
         attributes["COLOR_0"] = _append_floats(out, _srgb_to_linear(source.colours[origin]))
-    fans = source.polygons.fans
+    fans = source.polygons.fans[:, ::-1] if turned else source.polygons.fans
     of_fan = material_ids[source.polygons.owners[fans[:, 0]]]
     primitives = []
     for number in np.unique(of_fan).tolist():
@@ -50,13 +51,19 @@ def build_glb(
     return out.to_glb(), origin
 
 
-def _corner_attributes(source: Document, places: Int) -> dict[str, tuple[F64, Int]]:
-    """Attributes that may differ between the corners of a vertex: unique values (k, d), and ids (c,) into them."""
+def _corner_attributes(source: Document, places: Int, side: int) -> dict[str, tuple[F64, Int]]:
+    """Attributes that may differ between the corners of a vertex: unique values (k, d), and ids (c,) into them.
+
+    side : -1 when the faces are inside out; normals are of the outer side.
+    """
     corners = source.polygons.corners
     normals, ids = source.normals, source.normal_ids
+    across_seams = Polygons(places[corners], source.polygons.sizes)
+    outwards = side * polygon_vertex_normals(source.vertices, across_seams)[places]
     if normals is None or ids is None:
-        across_seams = Polygons(places[corners], source.polygons.sizes)
-        normals, ids = polygon_vertex_normals(source.vertices, across_seams)[places], corners
+        normals, ids = outwards, corners
+    elif (normals[ids] * outwards[corners]).sum() < 0:
+        normals = -normals
     upright = np.where(normals.any(axis=1, keepdims=True), unit_vectors(normals), (0.0, 0.0, 1.0))
     found = {"NORMAL": _unique_rows(upright, ids)}
     if source.uvs is not None and source.uv_ids is not None:

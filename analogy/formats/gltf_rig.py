@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from guise.analogy.formats.gltf import GltfDocument, GltfPart, damage_as_mesh_error, scene_parts
+from guise.analogy.formats.gltf import GltfDocument, GltfPart, damage_as_mesh_error, scene_parts, scene_roots
 from guise.analogy.formats.gltf_container import GltfContainer, Json, read_uri
 from guise.analogy.mesh import MeshError
 from guise.analogy.normals import StoredNormals, any_coordinate
@@ -32,12 +32,13 @@ def build_rig_glb(
     shapes: Iterable[tuple[str, F64]],
     moving: Bool,
     folder: Path,
+    scale: float = 1.0,
 ) -> bytes:
     """A GLB of a document with new morph targets in place of its own.
 
     normals : of the document, None if it has none.   shapes : names and vertices (n, 3) in the scene.
     moving : (n,) whether any shape moves a vertex; meshes that do not move get no targets.
-    folder : of the textures that the document names; they are embedded.
+    folder : of the textures that the document names; they are embedded.   scale : of the whole scene.
     """
     with damage_as_mesh_error():
         made = document.container.copy()
@@ -58,10 +59,20 @@ def build_rig_glb(
                     primitive.setdefault("targets", []).append(target)
         for part, _, _ in parts:
             mesh = made.json["meshes"][part.mesh]
-            mesh["extras"] = {**(mesh.get("extras") or {}), "targetNames": names}
+            extras = mesh.get("extras")
+            mesh["extras"] = {**(extras if isinstance(extras, dict) else {}), "targetNames": names}
             mesh["weights"] = [0.0] * len(names)
         _embed_textures(made, folder)
+        if scale != 1:
+            _scale_scene(made, scale)
         return made.to_glb()
+
+
+def _scale_scene(made: GltfContainer, scale: float) -> None:
+    """Put the whole scene under a node that scales it."""
+    scene = made.json.setdefault("scenes", [{"nodes": scene_roots(made)}])[made.json.setdefault("scene", 0)]
+    made.entries("nodes").append({"name": "unit", "scale": [scale] * 3, "children": scene.get("nodes", [])})
+    scene["nodes"] = [len(made.json["nodes"]) - 1]
 
 
 def _moves(part: GltfPart, parts: list[GltfPart], moving: Bool) -> bool:
@@ -97,10 +108,11 @@ def _drop_targets(made: GltfContainer) -> None:
     """Remove morph targets, their names and weights, and their animations."""
     for mesh in made.json["meshes"]:
         mesh.pop("weights", None)
-        if "targetNames" in (mesh.get("extras") or {}):
-            del mesh["extras"]["targetNames"]
         for primitive in mesh["primitives"]:
             primitive.pop("targets", None)
+        for held in (mesh, *mesh["primitives"]):
+            if isinstance(held.get("extras"), dict):
+                held["extras"].pop("targetNames", None)
     for node in made.json["nodes"]:
         node.pop("weights", None)
     animations = made.json.pop("animations", [])

@@ -11,7 +11,7 @@ import typer
 
 from guise.app.cli.console import Console, Stages
 from guise.app.cli.options import Force, Part, Shown, help_without_command, takes
-from guise.app.meshes.options import TransferOptions
+from guise.app.meshes.options import TransferOptions, Unit
 from guise.common.option import option
 
 if TYPE_CHECKING:
@@ -41,6 +41,10 @@ SourceNeutral = Annotated[
 Target = Annotated[
     Path,
     typer.Option(metavar="TARGET", help="The head that receives them, at rest; any topology, size and pose."),
+]
+TargetUnit = Annotated[
+    Unit | None,
+    typer.Option(help="Unit of TARGET's lengths, scaled to metres in a .glb; default: as they are."),
 ]
 Transferring = Annotated[TransferOptions, Part(TransferOptions)]
 Extras = Annotated[Extra, Part(Extra)]
@@ -87,6 +91,7 @@ def rig(
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="RIG.glb", help="The target with those morph targets.")
     ],
+    unit: TargetUnit = None,
     options: Transferring,
     extra: Extras,
     console: Shown,
@@ -94,7 +99,7 @@ def rig(
     """Transfer all morph targets of a head to another, with their names."""
     from guise.app.meshes.transferring import transfer_rig
 
-    _run(lambda context: transfer_rig(source, target, output, options, context), console, extra)
+    _run(lambda context: transfer_rig(source, target, output, options, context, unit), console, extra)
 
 
 @mesh.command()
@@ -127,13 +132,14 @@ def sequence(
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue where an earlier run stopped; its frames are kept.")
     ] = False,
+    unit: TargetUnit = None,
     extra: Extras,
     console: Shown,
 ) -> None:  # fmt: skip
     """Transfer an animation from one head to another, frame by frame."""
     from guise.app.meshes.sequences import SequenceFiles, transfer_sequence
 
-    wanted = SequenceFiles(frames, output, fps, resume)
+    wanted = SequenceFiles(frames, output, fps, resume, unit)
     _run(lambda context: transfer_sequence(source, wanted, target, options, context), console, extra)
 
 

@@ -21,8 +21,13 @@ MAX_ERROR_SIZES = 1e-4  # of a vertex, in sizes of the head
 GL_FLOAT = 5126  # of glTF: float32
 
 
-def write_animated_glb(path: Path, target: MeshFile, frames: Sequence[F32], rate: float) -> int:
-    """Write frames (N, 3) of a target as an animated GLB at `rate` frames per second; the number of morph targets."""
+def write_animated_glb(
+    path: Path, target: MeshFile, frames: Sequence[F32], rate: float, scale: float = 1.0
+) -> int:
+    """Write frames (N, 3) of a target as an animated GLB at `rate` frames per second; the number of morph targets.
+
+    scale : metres per unit of the target.
+    """
     neutral = target.mesh.vertices
     ways = np.stack(frames).reshape(len(frames), -1) - neutral.ravel().astype(np.float32)
     modes, weights = principal_components(ways, MAX_ERROR_SIZES * float(np.ptp(neutral, axis=0).max()))
@@ -30,7 +35,7 @@ def write_animated_glb(path: Path, target: MeshFile, frames: Sequence[F32], rate
     names = [f"component {k + 1}" for k in range(len(modes))]
     with tempfile.TemporaryDirectory() as folder:
         rig = Path(folder) / "rig.glb"
-        write_rig(rig, target, names, shapes)
+        write_rig(rig, target, names, shapes, scale)
         data = add_weight_animation(rig.read_bytes(), weights, rate)
     write_whole(path, data)
     return len(modes)

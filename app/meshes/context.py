@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from guise.analogy.formats.files import MeshFile, Rig, read_mesh, read_rig
 from guise.common.progress import Progress, Say
 
 
@@ -29,6 +30,21 @@ class RunContext:
     picture: Path | None = None
     report: Path | None = None
     seconds: dict[str, float] = field(default_factory=dict)
+
+    def read(self, path: Path) -> MeshFile:
+        """A head, with what the user should know of its file; raises MeshError."""
+        return self._told(read_mesh(path))
+
+    def read_rig(self, path: Path) -> Rig:
+        """A head with morph targets, likewise."""
+        rig = read_rig(path)
+        self._told(rig.file)
+        return rig
+
+    def _told(self, file: MeshFile) -> MeshFile:
+        for note in file.notes:
+            self.say(note)
+        return file
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:

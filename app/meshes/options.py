@@ -7,6 +7,8 @@ from typing import Literal
 
 from guise.common.option import option
 
+Unit = Literal["m", "dm", "cm", "mm", "in"]  # of the lengths in a mesh file
+
 
 @dataclass(frozen=True)
 class TransferOptions:

@@ -12,7 +12,7 @@ from guise.analogy.feature_points import (
     find_feature_points,
     load_feature_points,
 )
-from guise.analogy.formats.files import MeshFile, read_mesh
+from guise.analogy.formats.files import MeshFile
 from guise.analogy.mesh import Mesh, MeshError
 from guise.app.media.pictures import save_picture
 from guise.app.meshes.context import RunContext
@@ -57,11 +57,11 @@ def write_feature_points(
     like = () if template is None else (template[0],)
     require_outputs([output, context.picture], [path, *filter(None, [edit]), *like], force=context.force)
     with context.stage("reading"):
-        head = read_mesh(path)
+        head = context.read(path)
     with context.stage("landmarks"):
         points = _find_or_load(head, edit)
         if template is not None:
-            points = _refine_by_template(head, points, read_mesh(template[0]), template[1])
+            points = _refine_by_template(head, points, context.read(template[0]), template[1])
     write_whole(output, points.save)
     if context.picture is not None:
         with context.stage("drawing"):

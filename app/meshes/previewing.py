@@ -9,7 +9,6 @@ import numpy as np
 
 from guise.aam.similarity import Failed
 from guise.analogy.feature_points import find_feature_points
-from guise.analogy.formats.files import read_mesh
 from guise.analogy.mesh import Mesh
 from guise.app.media.images import looks_like_image
 from guise.app.media.pictures import save_picture
@@ -35,7 +34,7 @@ def preview_files(head: Path, after: Path | None, output: Path | None, context: 
     names = [path for path in (head, after) if path]
     require_outputs([output], names, force=context.force)
     with context.stage("reading"):
-        file = read_mesh(head)
+        file = context.read(head)
         moved = None if after is None else file.read_expression(after)
     titles = [path.name for path in names]
     with context.stage(DRAWING):

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from guise.analogy.correspondence import Correspondence
-from guise.analogy.formats.files import MeshFile, read_mesh
+from guise.analogy.formats.files import MeshFile
 from guise.analogy.registration import register
 from guise.app.media.pictures import save_picture
 from guise.app.meshes import pictures
@@ -33,7 +33,7 @@ def register_files(
     table = output.with_suffix(".npz")
     require_outputs([output, table, context.picture, context.report], [template, target], force=context.force)
     with context.stage("reading"):
-        own, other = read_mesh(template), read_mesh(target)
+        own, other = context.read(template), context.read(target)
     points = feature_points_of_both(own, other, landmarks, context)
     with context.stage(MATCHING):
         done = register(own.mesh, other.mesh, (points[0].positions, points[1].positions))

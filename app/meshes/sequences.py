@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from guise.analogy.formats.files import read_frames, read_mesh
+from guise.analogy.formats.files import read_frames
 from guise.app.meshes.animated_glb import write_animated_glb
 from guise.app.meshes.context import RunContext
-from guise.app.meshes.options import TransferOptions
+from guise.app.meshes.options import TransferOptions, Unit
 from guise.app.meshes.pair import TransferPair, prepare_pair
 from guise.app.meshes.reports import TransferredExpression, TransferReport
 from guise.app.meshes.transferring import (
@@ -20,6 +20,7 @@ from guise.app.meshes.transferring import (
     WRITING,
     draw_report_picture,
     make_report,
+    metres_per_unit,
     summarise,
 )
 from guise.common.arrays import F32, F64
@@ -37,13 +38,14 @@ class SequenceFiles:
     source : a folder of .obj or .ply, or an animated .glb or .gltf.
     output : a folder for one file per frame, or a .glb for an animation.
     rate : frames per second of a GLB; None uses the keys when reading and `DEFAULT_FPS` when writing.
-    resume : existing files are kept.
+    resume : existing files are kept.   unit : of the target's lengths, for a GLB; None counts them as metres.
     """
 
     source: Path
     output: Path
     rate: float | None = None
     resume: bool = False
+    unit: Unit | None = None
 
     @property
     def is_animation(self) -> bool:
@@ -77,7 +79,7 @@ def transfer_sequence(
     """
     _require_outputs(source, frames, target, context)
     with context.stage(READING):
-        neutral, head = read_mesh(source), read_mesh(target)
+        neutral, head = context.read(source), context.read(target)
         next(
             read_frames(frames.source, neutral, frames.sampling_fps)
         )  # so that errors are reported before the work
@@ -91,7 +93,8 @@ def transfer_sequence(
         raise Interrupted(f"interrupted; {'nothing was written' if frames.is_animation else kept}") from None
     if frames.is_animation:
         with context.stage(WRITING):
-            write_animated_glb(frames.output, head, run.vertices, frames.rate or DEFAULT_FPS)
+            scale = metres_per_unit(head, frames.unit, context)
+            write_animated_glb(frames.output, head, run.vertices, frames.rate or DEFAULT_FPS, scale)
     if run.largest is not None:
         name = max(run.transferred, key=lambda one: one.furthest).input
         draw_report_picture(pair, [run.largest[0]], [run.largest[1]], [name], context)

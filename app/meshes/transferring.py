@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from guise.analogy.formats.files import MeshFile, read_mesh, read_rig, write_rig
+from guise.analogy.formats.files import MeshFile, write_rig
 from guise.analogy.mesh import Mesh
 from guise.app.media.pictures import save_picture
 from guise.app.meshes.context import RunContext
-from guise.app.meshes.options import TransferOptions
+from guise.app.meshes.options import TransferOptions, Unit
 from guise.app.meshes.pair import TransferPair, prepare_pair
 from guise.app.meshes.pictures import DrawnHead, HeadView, Picture, draw_strip, draw_transfer
 from guise.app.meshes.reports import MotionError, TransferredExpression, TransferReport, versions
@@ -20,6 +20,11 @@ from guise.common.arrays import F64
 from guise.common.errors import Interrupted, OutputError
 from guise.common.files import require_outputs
 
+METRES: dict[Unit, float] = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254}
+MIN_HEAD_METRES, MAX_HEAD_METRES = (
+    0.05,
+    3.0,
+)  # of the whole file, which may hold a body: beyond them, a note says so
 MIN_MOTION_SIZES = 1e-6  # in sizes of the head, up to which motion is rounding error
 MAX_MOTION_RATIO = 1.5  # of the furthest vertex to the source's, scaled, above which a note says so
 SOLVED_AT_ONCE = 4  # expressions
@@ -48,7 +53,7 @@ def transfer_files(
     extra = [context.picture, context.report]
     require_outputs([*outputs, *extra], [source, target, *expressions], force=context.force, made=folder)
     with context.stage(READING):
-        neutral, head = read_mesh(source), read_mesh(target)
+        neutral, head = context.read(source), context.read(target)
         faces = [neutral.read_expression(path) for path in expressions]
     pair = prepare_pair(neutral, head, options, context)
     names = [(str(path), str(output)) for path, output in zip(expressions, outputs, strict=True)]
@@ -70,9 +75,14 @@ def _write_all(head: MeshFile, made: Sequence[F64], outputs: Sequence[Path]) -> 
 
 
 def transfer_rig(
-    source: Path, target: Path, output: Path, options: TransferOptions, context: RunContext
+    source: Path,
+    target: Path,
+    output: Path,
+    options: TransferOptions,
+    context: RunContext,
+    unit: Unit | None = None,
 ) -> TransferReport:
-    """Transfer all morph targets of a rig, and write the target with them as GLB.
+    """Transfer all morph targets of a rig, and write the target, whose lengths are in `unit`, with them as GLB.
 
     Raises
     ------
@@ -83,13 +93,25 @@ def transfer_rig(
         raise OutputError(f"{output} must end in .glb, the format with morph targets")
     require_outputs([output, context.picture, context.report], [source, target], force=context.force)
     with context.stage(READING):
-        rig, head = read_rig(source), read_mesh(target)
+        rig, head = context.read_rig(source), context.read(target)
     pair = prepare_pair(rig.file, head, options, context)
     made, carried = transfer_all(pair, list(rig.shapes), [(name, name) for name in rig.names], context)
     with context.stage(WRITING):
-        write_rig(output, head, rig.names, made)
+        write_rig(output, head, rig.names, made, metres_per_unit(head, unit, context))
     draw_report_picture(pair, list(rig.shapes), made, rig.names, context)
     return make_report(pair, options, output, "morph target", carried, context)
+
+
+def metres_per_unit(head: MeshFile, unit: Unit | None, context: RunContext) -> float:
+    """The scale at which a head is written as GLB, whose unit is the metre; a note when no head is of that size."""
+    scale = METRES[unit or "m"]
+    size = head.mesh.extent * scale
+    if not MIN_HEAD_METRES <= size <= MAX_HEAD_METRES:
+        context.say(
+            f"{head.path} would be {size:.2g} m tall, as GLB counts in metres: give the unit of the file with --unit "
+            f"{', '.join(name for name in METRES if name != (unit or 'm'))}"
+        )
+    return scale
 
 
 def transfer_all(

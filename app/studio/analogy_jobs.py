@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from guise.analogy.formats.files import MeshFile, read_mesh, read_rig, write_rig
+from guise.analogy.formats.files import MeshFile, write_rig
 from guise.app.media import EncodeOptions
 from guise.app.meshes.context import RunContext
 from guise.app.meshes.options import TransferOptions as HeadOptions
@@ -61,8 +61,8 @@ def head(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, A
     """
     notes: list[str] = []
     context = RunContext(False, progress, notes.append)
-    source, names, faces = _expressions(about)
-    target = read_mesh(Path(about["target"]))
+    source, names, faces = _expressions(about, context)
+    target = context.read(Path(about["target"]))
     pair = prepare_pair(source, target, HeadOptions(about["method"], keep_rigid=about["keep_rigid"]), context)
     made, carried = transfer_all(pair, faces, [(name, name) for name in names], context)
     with context.stage(WRITING):
@@ -83,13 +83,13 @@ def _translated(notes: list[str], about: dict[str, Any]) -> list[str]:
     return [with_user_names(note, about) for note in notes]
 
 
-def _expressions(about: dict[str, Any]) -> tuple[MeshFile, list[str], list[F64]]:
+def _expressions(about: dict[str, Any], context: RunContext) -> tuple[MeshFile, list[str], list[F64]]:
     """The source at rest, the names of its expressions, and its vertices (N, 3) with each."""
     source = Path(about["source"])
     if not about["expressions"]:
-        rig = read_rig(source)
+        rig = context.read_rig(source)
         return rig.file, list(rig.names), list(rig.shapes)
-    file, paths = read_mesh(source), list(map(Path, about["expressions"]))
+    file, paths = context.read(source), list(map(Path, about["expressions"]))
     return file, [about["files"][str(path)] for path in paths], [file.read_expression(path) for path in paths]
 
 
