@@ -2,7 +2,8 @@
 
 Haze, flare and the curve of a camera lift what is dark in one clip more than in another.  But everybody's pupils and
 lashes are black.  So of a face in which these are brighter than in another, and brighter against its skin, grey is
-taken off until either is alike; of one in which they are darker, a little is added, as fair lashes are not black.
+taken off its brightness until either is alike; of one in which they are darker, a little is added, as fair lashes are
+not black.  Its colours stay: lips would become too red.
 
 Light that is measured on skin holds the two skin tones as well, and dark skin on a fair face gets several times its
 brightness: the tints of its cheeks and eye sockets become blotches, and dark lips grey or mauve.  The farther the tones
@@ -19,6 +20,7 @@ import cv2
 import numpy as np
 
 from guise.aam.appearance import AppearanceModel
+from guise.aam.irises import white
 from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, LIPS, RIGHT_EYE
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
@@ -41,6 +43,7 @@ class SkinToneLimits:
     spread_face_widths: float = 0.01  # over which a change fades
     as_strong: float = 0.75  # ratio of how strongly two tones are coloured, below which tints are eased, too
     least_chroma: float = 0.05
+    hair_darkness: tuple[float, float] = (0.2, 0.4)  # share darker than skin around: none is hair, all of it
     rim_face_widths: float = 0.15  # from the border, from which on all of the skin is the face's own
     rim_mean_face_widths: float = 0.04  # standard deviation of the means that go over into each other there
     rim_ratio: tuple[float, float] = (0.4, 2.5)  # of a channel
@@ -59,6 +62,7 @@ def toned(face: AppearanceModel, person: AppearanceModel, *, rim: F32 | None = N
     reference = face.reference
     texture, other = (reference.scatter(one.neutral_texture) for one in (face, person))
     fit = in_tone_of(in_contrast_of(texture, other, reference), other, reference)
+    fit = hair_in_light_of(fit, other, reference)
     if rim is not None:
         fit = with_rim_of(fit, other, rim, reference)
     return face.with_neutral_texture(fit)
@@ -75,7 +79,32 @@ def in_contrast_of(texture: F32, other: F32, reference: ReferenceFrame) -> F32:
     stretch = float(np.clip(others / max(own, 1e-3), *LIMITS.stretch))
     haze, by_level = tones[0] * (1 - 1 / stretch), dark[0] - dark[1]  # against the skin, and of whatever skin
     grey = np.sign(haze) * max(min(abs(haze), by_level * np.sign(haze)), 0.0)
-    return np.asarray(texture - np.float32(grey), np.float32)
+    luma = np.maximum(texture @ LUMA, 1)[..., None]
+    return np.asarray(texture * (np.maximum(luma - np.float32(grey), 1) / luma), np.float32)
+
+
+def hair_in_light_of(texture: F32, other: F32, reference: ReferenceFrame) -> F32:
+    """A neutral texture (h, w, 3) whose hair isn't bluer than the light on another, as the white of an eye shows it.
+
+    Hair is grey to red in white light, and the ratio of two tones of skin knows nothing of it: beside reddish skin
+    black brows would be violet.
+    """
+    skin = skin_mask(reference)
+    seen = _over_black(texture)
+    tone, other_tone = (np.exp(np.log(_over_black(one)[skin]).mean(0)) for one in (texture, other))
+    light = white(other[soft_parts(reference, (RIGHT_EYE, LEFT_EYE), 0.0) > 0.5])
+    to_light = other_tone / tone / light
+    red, green, blue = np.moveaxis(seen * to_light, -1, 0)
+    green = np.minimum(green, red)
+    hair = np.stack([red, green, np.minimum(blue, green)], axis=-1) / to_light
+    luma = seen @ LUMA
+    hair *= (luma / (hair @ LUMA))[..., None]
+    around = (
+        local_mean(texture, skin.astype(np.float32), LIMITS.tint_face_widths * reference.resolution) @ LUMA
+    )
+    share = ramps(1 - luma / around, *LIMITS.hair_darkness)
+    share = share * (1 - soft_parts(reference, (LIPS,), LIMITS.lip_growth_face_widths))
+    return np.asarray(texture + share[..., None] * (hair - seen), np.float32)
 
 
 def in_tone_of(texture: F32, other: F32, reference: ReferenceFrame) -> F32:

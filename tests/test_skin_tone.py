@@ -7,11 +7,11 @@ from numpy.testing import assert_allclose
 from test_turned_texture import enrolled
 
 from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel
-from guise.aam.landmarks.schemes import CHIN, LEFT_EYE, LIPS, RIGHT_EYE
+from guise.aam.landmarks.schemes import CHIN, LEFT_BROW, LEFT_EYE, LIPS, RIGHT_BROW, RIGHT_EYE
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
-from guise.aam.skin_tone import LIMITS, distance_inside, in_contrast_of, toned, with_rim_of
+from guise.aam.skin_tone import LIMITS, distance_inside, hair_in_light_of, in_contrast_of, toned, with_rim_of
 from guise.common.arrays import F32
 
 SKIN = skin_mask(FRAME)[FRAME.mask]
@@ -132,3 +132,31 @@ def test_contrast_changes_within_limits(face: float, other: float) -> None:
     after = contrasty(before, eyed(150, other))
     stretch = (1 - darkness(after)) / (1 - darkness(before))
     assert_allclose(stretch, LIMITS.stretch[1 if face > other else 0], rtol=0.01)
+
+
+def test_taking_off_grey_makes_lips_no_redder() -> None:
+    hazy = FRAME.scatter(texture_of(person(FAIR, PINK)) + 25)
+    lips = hazy[FRAME.mask][LIP].mean(0)
+    after = contrasty(hazy, eyed(150, 15))[FRAME.mask][LIP].mean(0)
+    assert after @ LUMA < lips @ LUMA - 5
+    assert_allclose(after[0] / after[1], lips[0] / lips[1], rtol=1e-3)
+
+
+def hair_beside(skin: tuple[int, int, int], hair: tuple[int, int, int], light: float = 1.0) -> F32:
+    """Colour of brows on yellow skin, in the light in which another has this skin and whites so much bluer."""
+    brows = soft_parts(FRAME, (RIGHT_BROW, LEFT_BROW), 0.0)[FRAME.mask] > 0.9
+    face, other = texture_of(person((210, 165, 90), PINK)), texture_of(person(skin, PINK))
+    face[brows], other[EYE] = hair, np.array((200, 200, 200 * light))
+    shown = hair_in_light_of(FRAME.scatter(face), FRAME.scatter(other), FRAME)
+    tones = [np.exp(np.log(one[SKIN] + 4).mean(0)) for one in (face, other)]
+    return np.asarray((shown[FRAME.mask][brows].mean(0) + 4) * tones[1] / tones[0])
+
+
+def test_black_hair_is_black_beside_skin_of_another_colour_and_brown_hair_stays() -> None:
+    red, green, blue = hair_beside(FAIR, (50, 50, 50))
+    assert red >= green - 0.5
+    assert_allclose(blue, green, rtol=0.02)
+    in_blue_light = hair_beside(FAIR, (50, 50, 50), light=1.3)
+    assert in_blue_light[2] > 1.2 * in_blue_light[1]
+    same = hair_beside((210, 165, 90), (70, 50, 35))
+    assert_allclose(same, (74, 54, 39), atol=0.5)
