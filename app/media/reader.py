@@ -23,6 +23,7 @@ from guise.app.media import colour
 from guise.app.media.coded_quality import TELL_QUANTISER
 from guise.app.media.errors import MediaError, reason
 from guise.app.media.frame import NATIVE_FORMATS
+from guise.app.media.letterbox import fitting_box, pasted
 from guise.common.closing import Closing
 
 AnyPacket: TypeAlias = "Packet[av.stream.Stream]"
@@ -132,7 +133,9 @@ class VideoReader(Closing):
         self._recent: deque[int] = deque(maxlen=LIMITS.max_delayed_packets)
         self._last: int | None = None
         self._reached: dict[int, int] = {}  # by stream, how far its packets reach, in its unit of time
-        self._shape: tuple[int, int, str] | None = None
+        self._shape: tuple[int, int, str] | None = None  # of what is yielded
+        self._stored: tuple[int, int, str] | None = None  # of the picture before
+        self._first_aspect = self._pixel_aspect()
         self._start: int | None = None
         self._started = True
 
@@ -308,18 +311,43 @@ class VideoReader(Closing):
     def _convert(self, picture: av.VideoFrame) -> av.VideoFrame:
         name = picture.format.name
         target = name if name in NATIVE_FORMATS else nearest_format(picture)
-        shape = (picture.width, picture.height, target)
-        self._shape = self._shape or shape
+        self._shape = self._shape or (picture.width, picture.height, target)
         if target != name:
             self.problems.note(f"Pictures were converted from {name} to 8-bit {self._shape[2]}.")
-        if (*shape[:2], name) == self._shape:
+        stored = (picture.width, picture.height, name)
+        if stored != self._stored:
+            self._note_change(picture, stored)
+        if stored == self._shape:
             return picture
-        if shape != self._shape:
-            self.problems.note(
-                f"At {self._clock(picture.pts)} the picture changes to {shape[0]} x {shape[1]} {name}; "
-                f"it was converted to {self._shape[0]} x {self._shape[1]} {self._shape[2]}."
+        return self._letterboxed(picture)
+
+    def _note_change(self, picture: av.VideoFrame, stored: tuple[int, int, str]) -> None:
+        """Note that the size or format of the stored pictures changes, unless this is the first."""
+        if self._stored is not None:
+            assert self._shape is not None
+            width, height, form = self._shape
+            done = (
+                f"letterboxed in {width} x {height}" if stored[:2] != self._shape[:2] else f"kept as {form}"
             )
-        return reformat(picture, *self._shape)
+            self.problems.note(
+                f"At {self._clock(picture.pts)} the picture changes to {stored[0]} x {stored[1]} {stored[2]}: "
+                f"it was {done}."
+            )
+        self._stored = stored
+
+    def _pixel_aspect(self) -> Fraction:
+        """Width over height of a pixel, as far as the stream tells."""
+        return Fraction(self.stream.codec_context.sample_aspect_ratio or self.stream.sample_aspect_ratio or 1)
+
+    def _letterboxed(self, picture: av.VideoFrame) -> av.VideoFrame:
+        """A picture in the size and format of the first; another size is kept undistorted, between bars."""
+        assert self._shape is not None
+        width, height, form = self._shape
+        if (picture.width, picture.height) == (width, height):
+            return reformat(picture, width, height, form)
+        stretch = self._pixel_aspect() / self._first_aspect
+        left, top, wide, tall = fitting_box(picture.width, picture.height, (width, height), stretch)
+        return pasted(reformat(picture, wide, tall, form), (width, height), left, top)
 
     def _clock(self, pts: int | None = None) -> str:
         """A time stamp, or the last one that was yielded, in seconds."""
