@@ -212,7 +212,7 @@ def test_a_broken_image_is_one_line_on_the_terminal(here: Path) -> None:
     code = "import sys; from guise.app.cli.main import main; sys.exit(main(['deidentify', 'broken.png']))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (1, "", 1)
-    assert done.stderr.startswith("error: broken.png holds no image that can be read")
+    assert done.stderr.startswith("error: broken.png is not an image that can be read")
 
 
 def test_a_file_cut_short_gives_what_is_there(here: Path, faces: list[np.ndarray]) -> None:

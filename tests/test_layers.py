@@ -58,7 +58,7 @@ OWNERS = {
     "pymetis": {"analogy/solver.py"},
     "moderngl": {"render"},
     "av": {"app/media"},
-    "PIL": {"app/media/profiles.py"},
+    "PIL": {"app/media"},
     "c2pa": {"app/media/provenance.py"},
     "cryptography": {"app/media/provenance.py"},
     "jinja2": {"app/deidentify/report/html.py"},

@@ -103,7 +103,7 @@ def test_empty_folder_and_broken_image(tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
     expect("is a folder without images", lambda: open_input(tmp_path / "folder"), tmp_path)
     (tmp_path / "in.png").write_bytes(b"no image")
-    expect("in.png holds no image that can be read", lambda: open_input(tmp_path / "in.png"), tmp_path)
+    expect("in.png is not an image that can be read", lambda: open_input(tmp_path / "in.png"), tmp_path)
 
 
 # -- outputs ------------------------------------------------------------------------------------------------

@@ -98,11 +98,14 @@ def test_exif_orientation_is_applied(tmp_path: Path) -> None:
         assert np.abs(next(iter(source)).rgb().astype(int) - np.rot90(image, -1)).mean() < 8
 
 
-def test_deep_images_are_converted_and_reported(tmp_path: Path) -> None:
-    assert cv2.imwrite(str(tmp_path / "in.png"), noise().astype(np.uint16) * 257)
-    problems = run(tmp_path / "in.png", tmp_path / "out.png")
-    assert problems == ("in.png was converted from 16 to 8 bits per component.",)
-    np.testing.assert_array_equal(load(tmp_path / "out.png"), noise()[..., ::-1])
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".jp2"])
+def test_deep_images_stay_deep_where_nothing_is_drawn(tmp_path: Path, suffix: str) -> None:
+    deep = np.random.default_rng(1).integers(0, 65536, (35, 41, 3)).astype(np.uint16)
+    assert cv2.imwrite(str(tmp_path / "in.png"), deep)
+    problems = run(tmp_path / "in.png", tmp_path / f"out{suffix}", paint)
+    assert problems == ("in.png has 16 bits per component; faces are drawn with 8.",)
+    deep[4:9, 3:9] = 200 * 257
+    np.testing.assert_array_equal(cv2.imread(str(tmp_path / f"out{suffix}"), cv2.IMREAD_UNCHANGED), deep)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
@@ -150,7 +153,9 @@ def test_an_image_that_cannot_be_read_is_skipped_and_reported(tmp_path: Path) ->
     folder = make_folder(tmp_path, ["a.png", "b.png"])
     (folder / "aa.png").write_bytes(b"broken")
     problems = run(folder, tmp_path / "out")
-    assert problems == ("aa.png is not an image that can be read and was skipped.",)
+    assert problems == (
+        "aa.png is not an image that can be read: give a PNG, JPEG, HEIC, AVIF, TIFF or WebP file; it was skipped.",
+    )
     assert sorted(file.name for file in (tmp_path / "out").iterdir()) == ["a.png", "b.png"]
 
 

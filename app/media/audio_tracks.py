@@ -6,7 +6,7 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from guise.app.media.images import looks_like_image
+from guise.app.media.file_kind import is_picture
 from guise.app.media.reader import open_container
 
 
@@ -24,7 +24,7 @@ def audio_tracks(path: Path) -> tuple[AudioTrack, ...]:
 
     Raises MediaError when the file cannot be read.
     """
-    if path.is_dir() or looks_like_image(path):
+    if path.is_dir() or is_picture(path):
         return ()
     with open_container(path) as container:
         streams = list(container.streams.audio)

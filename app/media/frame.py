@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import av
 import cv2
@@ -20,6 +21,9 @@ from guise.app.media import colour as tags
 from guise.app.media.colour import ColourMatrix, gbr_matrix, yuv_matrix
 from guise.app.media.orientation import AS_STORED, Orientation, Points
 from guise.common.sampling import remap_points
+
+if TYPE_CHECKING:
+    from guise.app.media.images import DeepImage
 
 __all__ = ["NATIVE_FORMATS", "ColourMatrix", "Frame", "clone_video_frame", "from_planes", "plane_arrays"]
 
@@ -44,7 +48,7 @@ class Frame:
     pts, time_base : the integer time stamp and its unit, seconds.
     duration : until the next frame, in units of time_base; 0 if unknown.
     index : number of frames before this one in its input.
-    name : file name of an image, or None.
+    name : file name of an image, or None.   stored : that image as its file holds it, or None.
     width, height : pixels, as shown.
     colour : maps between the stored components and RGB.
     """
@@ -55,6 +59,7 @@ class Frame:
     ) -> None:  # fmt: skip
         self.pts, self.time_base, self.index, self.name = pts, time_base, index, name
         self.alpha = alpha
+        self.stored: DeepImage | None = None
         self.orientation = orientation
         self._video = picture if isinstance(picture, av.VideoFrame) else None
         self._rgb = None if isinstance(picture, av.VideoFrame) else picture
@@ -310,7 +315,7 @@ class Frame:
             picture if isinstance(picture, av.VideoFrame) else picture.copy(), pts=self.pts, index=self.index,
             time_base=self.time_base, orientation=self.orientation, name=self.name, alpha=self.alpha,
         )  # fmt: skip
-        twin.duration = self.duration
+        twin.duration, twin.stored = self.duration, self.stored
         return twin
 
 

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
+from typing import BinaryIO
 
-ORIENTATION, PHOTOMETRIC, XMP, PROFILE = 0x0112, 0x0106, 0x02BC, 0x8773
+ORIENTATION, PHOTOMETRIC, XMP, PROFILE, SUBFILE_TYPE = 0x0112, 0x0106, 0x02BC, 0x8773, 0x00FE
 
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 6: 1, 7: 1, 8: 2, 9: 4, 11: 4, 5: 8, 10: 8, 12: 8}  # bytes, by type
 _SHORT, _BYTES, _UNDEFINED = 3, 1, 7
 _ENTRY = 12
+_MAX_PAGES = 65_536
 
 
 def read_values(data: bytes) -> dict[int, bytes]:
@@ -35,6 +37,52 @@ def read_short(data: bytes, tag: int) -> int | None:
     value = read_values(data).get(tag, b"")
     order = _order(data)
     return None if order is None or len(value) != 2 else int(struct.unpack(order + "H", value)[0])
+
+
+def read_number(data: bytes, tag: int) -> int | None:
+    """A tag that is one number of 16 or 32 bits, or None."""
+    value, order = read_values(data).get(tag, b""), _order(data)
+    if order is None or len(value) not in (2, 4):
+        return None
+    return int.from_bytes(value, "little" if order == "<" else "big")
+
+
+def pages(file: BinaryIO) -> list[int]:
+    """The numbers of a TIFF file's directories that are pictures of their own, not previews or masks; also BigTIFF.
+
+    A damaged chain ends where it cannot be followed.
+    """
+    file.seek(0)
+    head = file.read(16)
+    order = "<" if head[:2] == b"II" else ">"
+    big = head[2:4] in (b"+\0", b"\0+")
+    counts, offsets, entry = ("Q", "Q", 20) if big else ("H", "I", _ENTRY)
+    found: list[int] = []
+    seen: set[int] = set()
+    try:
+        (start,) = struct.unpack_from(order + offsets, head, 8 if big else 4)
+        while start and start not in seen and len(seen) < _MAX_PAGES:
+            seen.add(start)
+            file.seek(start)
+            (count,) = struct.unpack(order + counts, file.read(struct.calcsize(counts)))
+            table = file.read(entry * min(count, 0xFFFF))
+            if not _is_preview(table, order, entry):
+                found.append(len(seen) - 1)
+            (start,) = struct.unpack(order + offsets, file.read(struct.calcsize(offsets)))
+    except (struct.error, OverflowError):
+        pass
+    return found
+
+
+def _is_preview(table: bytes, order: str, entry: int) -> bool:
+    """Whether a directory says that it is of lower resolution than another one, or a mask (NewSubfileType)."""
+    for i in range(0, len(table) - entry + 1, entry):
+        tag, kind = struct.unpack_from(order + "HH", table, i)
+        if tag == SUBFILE_TYPE:
+            value = table[i + entry - (entry - 4) // 2 :][:4]
+            number = struct.unpack_from(order + ("H" if kind == _SHORT else "I"), value)[0]
+            return bool(number & (1 | 4))
+    return False
 
 
 def with_values(data: bytes, values: Mapping[int, bytes]) -> bytes:

@@ -1,15 +1,15 @@
-"""Image files: reading, writing, and tags inside PNG, JPEG, TIFF and WebP.
+"""Image files: reading, writing, and tags inside them.
 
-RGB uint8, (h, w, 3), or at the stored bit depth; EXIF orientation is applied on reading and, like other metadata, not
-written.
+RGB uint8, (h, w, 3), or at the stored bit depth; the orientation is applied on reading and, like other metadata, not
+written.  What a file is, its content tells (`file_kind.py`); how it is written, its suffix.
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,20 +18,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.app.media import ifd
+from guise.app.media.boxes import box, boxes, find
 from guise.app.media.errors import MediaError
+from guise.app.media.file_kind import IMAGE_SUFFIXES, format_of, has_image_name, kind_of
+from guise.app.media.heif import HeifPicture, read_heif
 from guise.app.media.orientation import AS_STORED, Orientation
-from guise.app.media.reader import ProblemLog
 from guise.common.files import natural_key
 
-IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"})
-_JPEG_SUFFIXES = frozenset({".jpg", ".jpeg"})
-_TIFF_SUFFIXES = frozenset({".tif", ".tiff"})
-_DEEP_SUFFIXES = _TIFF_SUFFIXES | {".png"}
-_PROFILE_SUFFIXES = _DEEP_SUFFIXES | _JPEG_SUFFIXES | {".webp"}
+__all__ = [
+    "IMAGE_SUFFIXES",
+    "DeepImage",
+    "encode_deep",
+    "encode_image",
+    "has_image_name",
+    "list_images",
+    "read_deep",
+]
+
+# Suffix -> what is written; the same where there is one form of it.
+_FORMS = {
+    ".jpg": "jpeg", ".jpeg": "jpeg", ".jpe": "jpeg", ".jfif": "jpeg", ".mpo": "jpeg", ".png": "png", ".tif": "tiff",
+    ".tiff": "tiff", ".webp": "webp", ".bmp": "bmp", ".dib": "bmp", ".heic": "heic", ".heif": "heic", ".hif": "heic",
+    ".avif": "avif", ".jp2": "jp2", ".jpx": "jp2", ".j2k": "j2k",
+}  # fmt: skip
+_CODERS = {"jpeg": ".jpg", "tiff": ".tif", "j2k": ".jp2"}  # OpenCV's, where its suffix is not the form's name
+_DEPTHS = {
+    "png": 16,
+    "tiff": 16,
+    "jp2": 16,
+    "j2k": 16,
+    "heic": 10,
+    "avif": 10,
+}  # most bits, where more than 8
+_WITHOUT_PROFILE = frozenset({"bmp", "j2k"})
+_LOSSY = frozenset({"jpeg", "heic", "avif"})
 _PLAIN = frozenset({0, 1, 2, 3, 6})  # photometric interpretations of TIFF that are grey or RGB, or become RGB
-_JPEG_QUALITY = 95
+_DNG_VERSION, _SUB_DIRECTORIES = 0xC612, 0x014A
+_SETTINGS = {
+    "jpeg": (cv2.IMWRITE_JPEG_QUALITY, 95),
+    "webp": (cv2.IMWRITE_WEBP_QUALITY, 101),  # above 100 is lossless, as 1000 is of JPEG 2000
+    "jp2": (cv2.IMWRITE_JPEG2000_COMPRESSION_X1000, 1000),
+    "j2k": (cv2.IMWRITE_JPEG2000_COMPRESSION_X1000, 1000),
+}
 _PROFILE_SEGMENT_BYTES = 65_519  # of a profile in one JPEG segment
 _PNG_HEADER = 8 + 25  # signature and IHDR chunk
+_JP2_XMP = bytes.fromhex("be7acfcb97a942e89c71999491e3afac")  # the identifier of its box (XMP, part 3)
 
 _XMP = (
     '<?xpacket begin="\ufeff" id="W5M0MpCehiHzreSzNTczkc9d"?><x:xmpmeta xmlns:x="adobe:ns:meta/">'
@@ -43,6 +74,17 @@ _XMP = (
 
 Image = NDArray[np.uint8]
 Deep = NDArray[np.uint8] | NDArray[np.uint16]
+Note = Callable[[str], None]
+
+
+def _ignored(sentence: str) -> None:
+    """Nobody listens."""
+
+
+def can_write(suffix: str) -> bool:
+    """Whether a picture with this suffix can be written."""
+    return suffix.lower() in _FORMS
+
 
 # EXIF orientation -> from the stored to the shown picture.
 _ORIENTATIONS = {
@@ -62,11 +104,15 @@ class DeepImage:
 
     pixels : (h, w) grey or (h, w, 3) RGB, uint8 or uint16.   alpha : (h, w) of the same type, or None.
     profile : the bytes of its ICC profile, or None.
+    depth : bits of a component as stored, if more than 8 and fewer than 16.
+    code_points : its primaries and transfer as H.273 numbers them, or None.
     """
 
     pixels: Deep
     alpha: Deep | None = None
     profile: bytes | None = None
+    depth: int | None = None
+    code_points: tuple[int, int] | None = None
 
     @property
     def bits(self) -> int:
@@ -79,34 +125,60 @@ class DeepImage:
         return np.repeat(shallow[..., None], 3, axis=2) if shallow.ndim == 2 else shallow.copy()
 
 
-def looks_like_image(path: Path) -> bool:
-    """Whether the suffix is that of a still image."""
-    return path.suffix.lower() in IMAGE_SUFFIXES
+def list_images(folder: Path, note: Note = _ignored) -> list[Path]:
+    """The image files of a folder in natural order, hidden ones left out; `note` hears what else is left out."""
+    files = sorted((f for f in folder.iterdir() if f.is_file()), key=lambda file: natural_key(file.name))
+    kinds = {file: kind_of(file) for file in files if not file.name.startswith(".")}
+    others = [file.name for file, kind in kinds.items() if kind != "image"]
+    if others and len(others) < len(kinds):
+        more = f" and {len(others) - 3} more" if len(others) > 3 else ""
+        note(f"Skipped {', '.join(others[:3])}{more}, which are not single images.")
+    return [file for file, kind in kinds.items() if kind == "image"]
 
 
-def list_images(folder: Path) -> list[Path]:
-    """The image files of a folder in natural order, hidden ones left out."""
-    files = [file for file in folder.iterdir() if looks_like_image(file) and not file.name.startswith(".")]
-    return sorted((file for file in files if file.is_file()), key=lambda file: natural_key(file.name))
-
-
-def read_image(path: Path, problems: ProblemLog) -> tuple[Image, Image | None] | None:
-    """An image as RGB (h, w, 3) and its alpha (h, w) or None; None when it cannot be read."""
-    try:
-        image = read_deep(path)
-    except MediaError:
-        return None
-    if image.bits != 8:
-        problems.note(f"{path.name} was converted from {image.bits} to 8 bits per component.")
-    return image.rgb8(), None if image.alpha is None else eight_bits(image.alpha)
-
-
-def read_deep(path: Path) -> DeepImage:
-    """An image with its stored bit depth, alpha and profile.  Raises MediaError."""
+def read_deep(path: Path, note: Note = _ignored) -> DeepImage:
+    """An image with its stored bit depth, alpha and profile; `note` hears of damage.  Raises MediaError."""
     try:
         data = path.read_bytes()
     except OSError as error:
         raise MediaError(f"{path} cannot be read ({error.strerror}): give an image file.") from error
+    form = format_of(data)
+    if form == "raw" or (form == "tiff" and _is_raw(data)):
+        raise MediaError(
+            f"{path} is a camera's raw picture: develop it, and give the JPEG, TIFF or PNG file."
+        )
+    if form == "heif":
+        return _from_heif(path, data)
+    image = _by_opencv(path, data)
+    if image is None:
+        image = _by_pillow(path, data)
+        if form not in ("", "other"):
+            note(f"{path.name} is damaged: what cannot be read of it is grey.")
+    return image
+
+
+def _is_raw(data: bytes) -> bool:
+    """Whether a TIFF file is a camera's raw picture, whose first directory is a preview."""
+    reduced = (ifd.read_number(data, ifd.SUBFILE_TYPE) or 0) & 1
+    found = ifd.read_values(data)
+    return _DNG_VERSION in found or bool(reduced and _SUB_DIRECTORIES in found)
+
+
+def _from_heif(path: Path, data: bytes) -> DeepImage:
+    try:
+        found = read_heif(data)
+    except MediaError as error:
+        raise MediaError(f"{path} {error}") from error
+    depth = found.bits if 8 < found.bits < 16 else None
+    profile = found.profile
+    return DeepImage(found.pixels, found.alpha, _fitting(profile, found.pixels), depth, found.code_points)
+
+
+def _by_opencv(path: Path, data: bytes) -> DeepImage | None:
+    """The picture as OpenCV reads it, None where it does not."""
+    cv2.utils.logging.setLogLevel(
+        cv2.utils.logging.LOG_LEVEL_SILENT
+    )  # it says on the terminal what is said here in a sentence
     buffer = np.frombuffer(data or b"\0", np.uint8)
     try:
         raw, kinds, blocks = cv2.imdecodeWithMetadata(buffer, cv2.IMREAD_UNCHANGED)
@@ -115,27 +187,83 @@ def read_deep(path: Path) -> DeepImage:
             f"{path} is not an image that can be read, or too large: give one of less than 32768 x 32768 pixels."
         ) from error
     if raw is None:
-        raise MediaError(f"{path} is not an image that can be read: give a PNG, JPEG, TIFF or WebP file.")
+        return None
     photometric = ifd.read_short(data, ifd.PHOTOMETRIC)
     if raw.dtype not in (np.uint8, np.uint16) or photometric not in _PLAIN | {None}:
         raise MediaError(
             f"{path} is neither grey nor RGB of 8 or 16 bits per component: convert it to that first."
         )
     stored = {int(kind): np.asarray(block).tobytes() for kind, block in zip(kinds, blocks, strict=True)}
-    profile = stored.get(cv2.IMAGE_METADATA_ICCP) or ifd.read_values(data).get(ifd.PROFILE)
-    return _shown(np.asarray(raw), stored.get(cv2.IMAGE_METADATA_EXIF, b""), profile)
+    profile = (
+        stored.get(cv2.IMAGE_METADATA_ICCP) or ifd.read_values(data).get(ifd.PROFILE) or _jp2_profile(data)
+    )
+    return shown(np.asarray(raw), stored.get(cv2.IMAGE_METADATA_EXIF, b""), profile)
 
 
-def _shown(raw: NDArray[Any], exif: bytes, profile: bytes | None) -> DeepImage:
+def _by_pillow(path: Path, data: bytes) -> DeepImage:
+    """The picture as Pillow reads it: formats that OpenCV does not know, and as much as there is of damaged files."""
+    import io
+
+    from PIL import Image, ImageFile, ImageOps
+
+    strict, ImageFile.LOAD_TRUNCATED_IMAGES = ImageFile.LOAD_TRUNCATED_IMAGES, True
+    try:
+        with Image.open(io.BytesIO(data)) as opened:
+            picture = ImageOps.exif_transpose(opened)
+            profile = opened.info.get("icc_profile")
+            clear = picture.has_transparency_data
+            grey = picture.mode in ("1", "L") and not clear
+            pixels = np.asarray(picture.convert("L" if grey else "RGBA" if clear else "RGB"), np.uint8)
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError, struct.error) as error:
+        raise MediaError(
+            f"{path} is not an image that can be read: give a PNG, JPEG, HEIC, AVIF, TIFF or WebP file."
+        ) from error
+    finally:
+        ImageFile.LOAD_TRUNCATED_IMAGES = strict
+    alpha = np.ascontiguousarray(pixels[..., 3]) if clear else None
+    colours: NDArray[np.uint8] = np.ascontiguousarray(pixels if grey else pixels[..., :3])
+    return DeepImage(colours, alpha, _fitting(profile, colours))
+
+
+def _jp2_profile(data: bytes) -> bytes | None:
+    """The profile of a JPEG 2000 file (ISO/IEC 15444-1, I.5.3.3)."""
+    colours = find(data, b"jp2h", b"colr") if format_of(data[:12]) == "jp2" else None
+    return colours[3:] if colours and colours[0] in (2, 3) else None
+
+
+def _fitting(profile: bytes | None, pixels: NDArray[Any]) -> bytes | None:
+    """A profile if it is for as many components; one for CMYK no longer applies."""
+    return profile if profile and profile[16:20] == (b"GRAY" if pixels.ndim == 2 else b"RGB ") else None
+
+
+def shown(raw: NDArray[Any], exif: bytes, profile: bytes | None) -> DeepImage:
     """A decoded picture in OpenCV's channel order, turned by its EXIF orientation (OpenCV turns TIFF files itself)."""
     turn = _ORIENTATIONS.get(ifd.read_short(exif, ifd.ORIENTATION) or 1, AS_STORED)
-    shown = turn.view(raw)
-    space = b"GRAY" if shown.ndim == 2 else b"RGB "  # of the profile; one for CMYK no longer applies
-    profile = profile if profile and profile[16:20] == space else None
-    if shown.ndim == 2:
-        return DeepImage(np.ascontiguousarray(shown), None, profile)
-    alpha = np.ascontiguousarray(shown[..., 3]) if shown.shape[2] == 4 else None
-    return DeepImage(np.ascontiguousarray(shown[..., 2::-1]), alpha, profile)
+    turned = turn.view(raw)
+    profile = _fitting(profile, turned)
+    if turned.ndim == 2:
+        return DeepImage(np.ascontiguousarray(turned), None, profile)
+    alpha = np.ascontiguousarray(turned[..., 3]) if turned.shape[2] == 4 else None
+    return DeepImage(np.ascontiguousarray(turned[..., 2::-1]), alpha, profile)
+
+
+def changed(image: DeepImage, rgb: Image) -> DeepImage:
+    """The picture with other pixels where `rgb` (h, w, 3) differs from its own 8 bits; all else stays bit-exact."""
+    before = image.rgb8()
+    if before.shape != rgb.shape:
+        return DeepImage(rgb)
+    other = (before != rgb).any(axis=2)
+    if not other.any():
+        return image
+    pixels = image.pixels
+    if pixels.ndim == 2:
+        if (rgb[other] != rgb[other][:, :1]).any():
+            colours: Any = np.repeat(pixels[..., None], 3, axis=2)
+            return changed(replace(image, pixels=colours, profile=None), rgb)
+        rgb = rgb[..., 0]
+    values = rgb if image.bits == 8 else rgb.astype(np.uint16) * np.uint16(257)
+    mask = other if pixels.ndim == 2 else other[..., None]
+    return replace(image, pixels=np.where(mask, values, pixels))
 
 
 def eight_bits(values: Deep) -> Image:
@@ -147,10 +275,11 @@ def eight_bits(values: Deep) -> Image:
 
 def lost_in(suffix: str, image: DeepImage) -> list[str]:
     """What a file with this suffix loses of a picture, in words."""
-    suffix = suffix.lower()
-    lost = ["transparency"] if image.alpha is not None and suffix in _JPEG_SUFFIXES else []
-    lost += ["16 bits per component"] if image.bits == 16 and suffix not in _DEEP_SUFFIXES else []
-    return lost + (["colour profile"] if image.profile and suffix not in _PROFILE_SUFFIXES else [])
+    form = _FORMS.get(suffix.lower(), "")
+    lost = ["transparency"] if image.alpha is not None and form == "jpeg" else []
+    depth = image.depth or image.bits
+    lost += [f"{depth} bits per component"] if depth > _DEPTHS.get(form, 8) else []
+    return lost + (["colour profile"] if image.profile and form in _WITHOUT_PROFILE else [])
 
 
 def encode_image(rgb: Image, alpha: Image | None, suffix: str, tags: Mapping[str, str]) -> bytes:
@@ -160,47 +289,79 @@ def encode_image(rgb: Image, alpha: Image | None, suffix: str, tags: Mapping[str
 
 def encode_deep(image: DeepImage, suffix: str, tags: Mapping[str, str]) -> bytes:
     """The bytes of an image file, with everything that its format can keep (see `lost_in`)."""
-    suffix = suffix.lower()
-    picture = _stored(image if suffix in _DEEP_SUFFIXES else _shallow(image), suffix)
-    settings = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if suffix in _JPEG_SUFFIXES else []
+    form = _FORMS[suffix.lower()]
+    image = image if form in _DEPTHS else _shallow(image)
+    if form in ("heic", "avif"):
+        return _heif(image, form, tags)
+    picture = _stored(image, form)
+    settings = list(_SETTINGS.get(form, ()))
     blocks: dict[int, bytes] = {}
-    if image.profile and suffix in (".png", ".webp"):
+    if image.profile and form in ("png", "webp"):
         blocks[cv2.IMAGE_METADATA_ICCP] = image.profile
-    if suffix == ".webp":
-        settings = [cv2.IMWRITE_WEBP_QUALITY, 101]  # above 100 is lossless
-        if tags:
-            blocks[cv2.IMAGE_METADATA_XMP] = xmp(tags)
+    if form == "webp" and tags:
+        blocks[cv2.IMAGE_METADATA_XMP] = xmp(tags)
     metadata = [np.frombuffer(block, np.uint8) for block in blocks.values()]
-    done, data = cv2.imencodeWithMetadata(suffix, picture, list(blocks), metadata, settings)
+    done, data = cv2.imencodeWithMetadata(
+        _CODERS.get(form, f".{form}"), picture, list(blocks), metadata, settings
+    )
     if not done:
         raise MediaError(
             f"An image of {picture.shape[1]} x {picture.shape[0]} cannot be written as {suffix}: use .png."
         )
-    if suffix in _TIFF_SUFFIXES:
+    return _with_metadata(data.tobytes(), form, image, tags)
+
+
+def _with_metadata(data: bytes, form: str, image: DeepImage, tags: Mapping[str, str]) -> bytes:
+    """The file with its profile and the tags, as far as OpenCV has not put them there."""
+    if form == "tiff":
         extra = {ifd.PROFILE: image.profile or b"", ifd.XMP: xmp(tags) if tags else b""}
-        return ifd.with_values(data.tobytes(), {tag: value for tag, value in extra.items() if value})
-    whole = _with_tags(data.tobytes(), suffix, tags)
-    return _jpeg_with(whole, _jpeg_profile(image.profile or b"")) if suffix in _JPEG_SUFFIXES else whole
+        return ifd.with_values(data, {tag: value for tag, value in extra.items() if value})
+    if form in ("jp2", "j2k"):
+        return _jp2_with(data, image.profile, tags) if form == "jp2" else find(data, b"jp2c") or b""
+    whole = with_tags(data, form, tags)
+    return _jpeg_with(whole, _jpeg_profile(image.profile or b"")) if form == "jpeg" else whole
+
+
+def _jp2_with(data: bytes, profile: bytes | None, tags: Mapping[str, str]) -> bytes:
+    """A JPEG 2000 file with a profile instead of its own colour space, and the tags as XMP."""
+    parts = []
+    for name, body in boxes(data):
+        if name == b"jp2h" and profile:
+            inner = (
+                (kind, b"\2\0\0" + profile if kind == b"colr" else content) for kind, content in boxes(body)
+            )
+            body = b"".join(box(kind, content) for kind, content in inner)
+        parts.append(box(name, body))
+    return b"".join([*parts, box(b"uuid", _JP2_XMP, xmp(tags)) if tags else b""])
+
+
+def _heif(image: DeepImage, form: str, tags: Mapping[str, str]) -> bytes:
+    from guise.app.media.heif_writer import write_heif
+
+    bits = image.depth or image.bits
+    picture = HeifPicture(image.pixels, image.alpha, bits, image.profile, image.code_points)
+    return write_heif(picture, form, xmp(tags) if tags else b"")
 
 
 def _shallow(image: DeepImage) -> DeepImage:
     """The picture with 8 bits per component."""
     alpha = None if image.alpha is None else eight_bits(image.alpha)
-    return DeepImage(eight_bits(image.pixels), alpha, image.profile)
+    return replace(image, pixels=eight_bits(image.pixels), alpha=alpha, depth=None)
 
 
-def _stored(image: DeepImage, suffix: str) -> NDArray[Any]:
+def _stored(image: DeepImage, form: str) -> NDArray[Any]:
     """The picture as OpenCV stores it: grey, BGR or BGRA."""
     grey = image.pixels.ndim == 2
-    if image.alpha is None or suffix in _JPEG_SUFFIXES:
+    if image.alpha is None or form == "jpeg":
         return np.ascontiguousarray(image.pixels if grey else image.pixels[..., ::-1])
     channels = [image.pixels] * 3 if grey else [image.pixels[..., i] for i in (2, 1, 0)]
     return np.stack([*channels, image.alpha], axis=2)
 
 
-def is_lossy(suffix: str) -> bool:
-    """Whether writing with this suffix changes pixels."""
-    return suffix.lower() in _JPEG_SUFFIXES
+def lossy_form(suffix: str) -> str:
+    """The name of the format that this suffix writes, if writing it changes pixels, or ""."""
+    form = _FORMS.get(suffix.lower(), "")
+    return form.upper() if form in _LOSSY else ""
 
 
 def xmp(tags: Mapping[str, str]) -> bytes:
@@ -221,15 +382,15 @@ def _escaped(text: str) -> str:
     return text
 
 
-def _with_tags(data: bytes, suffix: str, tags: Mapping[str, str]) -> bytes:
+def with_tags(data: bytes, form: str, tags: Mapping[str, str]) -> bytes:
     """The file with the tags, as PNG iTXt chunks, or JPEG comments and XMP; other formats stay as they are."""
     if not tags:
         return data
-    if suffix == ".png":
+    if form == "png":
         chunks = b"".join(_png_text(key, value) for key, value in tags.items())
         chunks += _png_text("XML:com.adobe.xmp", xmp(tags).decode())
         return data[:_PNG_HEADER] + chunks + data[_PNG_HEADER:]
-    if suffix in _JPEG_SUFFIXES:
+    if form == "jpeg":
         segments = b"".join(_jpeg_segment(0xFE, f"{key}: {value}".encode()) for key, value in tags.items())
         segments += _jpeg_segment(0xE1, b"http://ns.adobe.com/xap/1.0/\0" + xmp(tags))
         return _jpeg_with(data, segments)

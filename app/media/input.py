@@ -15,9 +15,10 @@ import av
 
 from guise.app.media.coded_quality import quantiser
 from guise.app.media.errors import MediaError
+from guise.app.media.file_kind import kind_of
 from guise.app.media.frame import Frame
 from guise.app.media.hardware import HardwareDecoder, working_decoder
-from guise.app.media.images import list_images, looks_like_image, read_image
+from guise.app.media.images import eight_bits, list_images, read_deep
 from guise.app.media.orientation import AS_STORED, Orientation, parse_display_matrix
 from guise.app.media.reader import AnyPacket, ProblemLog, VideoReader, main_video, open_container
 from guise.common.closing import Closing
@@ -209,7 +210,7 @@ class ImageInput(MediaInput):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self.kind = "images" if path.is_dir() else "image"
-        self.files = list_images(path) if path.is_dir() else [path]
+        self.files = list_images(path, self.problems.note) if path.is_dir() else [path]
         if not self.files:
             raise MediaError(
                 f"{path} is a folder without images: give one with .png or .jpg files, or a video file."
@@ -217,9 +218,7 @@ class ImageInput(MediaInput):
         self.frame_rate = IMAGES_PER_SECOND
         first = next(iter(self), None)
         if first is None:
-            raise MediaError(
-                f"{path} holds no image that can be read: give .png or .jpg files, or a video file."
-            )
+            raise MediaError(f"{path} holds no image that can be read: {self.problems[0]}")
         self.width, self.height = first.width, first.height
         self.frame_count = len(self.files)
         self.duration = len(self.files) / IMAGES_PER_SECOND
@@ -228,13 +227,23 @@ class ImageInput(MediaInput):
     def __iter__(self) -> Iterator[Frame]:
         index = 0
         for file in self.files:
-            image = read_image(file, self.problems)
-            if image is None:
-                self.problems.note(f"{file.name} is not an image that can be read and was skipped.")
+            try:
+                image = read_deep(file, self.problems.note)
+            except MediaError as error:
+                if self.kind == "image":
+                    raise
+                self.problems.note(f"{str(error).rstrip('.').replace(str(file), file.name)}; it was skipped.")
                 continue
-            yield Frame.from_rgb(
-                image[0], index, 1 / IMAGES_PER_SECOND, index, name=file.name, alpha=image[1]
+            if image.bits != 8:
+                self.problems.note(
+                    f"{file.name} has {image.depth or image.bits} bits per component; faces are drawn with 8."
+                )
+            alpha = None if image.alpha is None else eight_bits(image.alpha)
+            frame = Frame.from_rgb(
+                image.rgb8(), index, 1 / IMAGES_PER_SECOND, index, name=file.name, alpha=alpha
             )
+            frame.stored = image
+            yield frame
             index += 1
 
 
@@ -247,7 +256,7 @@ def open_input(path: Path | str, hwaccel: HardwareDecoder = "none") -> MediaInpu
     path = Path(path)
     if not path.exists():
         raise MediaError(f"{path} does not exist: give a video file, an image or a folder of images.")
-    if path.is_dir() or looks_like_image(path):
+    if path.is_dir() or kind_of(path) == "image":
         return ImageInput(path)
     return VideoInput(path, hwaccel)
 

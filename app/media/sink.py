@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from fractions import Fraction
 from pathlib import Path
 from types import MappingProxyType
@@ -20,8 +20,9 @@ from av.video.stream import VideoStream
 from guise.app.media.encoder import EncodeOptions, available_encoders, ordinary_priority
 from guise.app.media.encoding import Encoding, encoding_for
 from guise.app.media.errors import MediaError, reason
+from guise.app.media.file_kind import has_image_name
 from guise.app.media.frame import Frame
-from guise.app.media.images import encode_image, is_lossy, looks_like_image
+from guise.app.media.images import DeepImage, can_write, changed, encode_deep, lossy_form
 from guise.app.media.input import ImageInput, MediaInput, VideoInput
 from guise.app.media.reader import AnyPacket
 from guise.app.media.stream_copies import (
@@ -228,7 +229,7 @@ class ImageSink(Sink):
     def write(self, frame: Frame) -> None:
         if self.frames:
             raise MediaError(f"{self.path} holds one image but more came: write to a folder or a video.")
-        data = encode_image(frame.rgb(), frame.alpha, self.path.suffix, self._tags)
+        data = _encoded(frame, self.path.suffix, self._tags)
         with as_media_error(self.path):
             self.part.write_bytes(data)
         self.frames = 1
@@ -238,16 +239,26 @@ class ImageSink(Sink):
 
 
 class FolderSink(Sink):
-    """A folder of images that keep their names; frames without a name become numbered PNG files."""
+    """A folder of images that keep their names; frames without a name become numbered PNG files.
 
-    def __init__(self, path: Path, *, force: bool = False, tags: Mapping[str, str] = _NO_TAGS) -> None:
+    note : told which names could not be kept.
+    """
+
+    def __init__(
+        self, path: Path, *, force: bool = False, tags: Mapping[str, str] = _NO_TAGS,
+        note: Callable[[str], None] = lambda sentence: None,
+    ) -> None:  # fmt: skip
         super().__init__(path, force=force, folder=True)
+        self._note = note
         self._tags = dict(tags)
         self.claim()
 
     def write(self, frame: Frame) -> None:
         name = frame.name or f"frame_{self.frames:06d}.png"
-        data = encode_image(frame.rgb(), frame.alpha, Path(name).suffix, self._tags)
+        if not can_write(Path(name).suffix):
+            self._note(f"{name} was written as .png, because {Path(name).suffix or name} cannot be written.")
+            name = f"{name}.png"
+        data = _encoded(frame, Path(name).suffix, self._tags)
         with as_media_error(self.path):
             (self.part / name).write_bytes(data)
         self.frames += 1
@@ -275,12 +286,12 @@ def open_sink(
     """
     path = Path(path)
     check_free(path, media, force)
-    if looks_like_image(path) and not path.is_dir():
+    if has_image_name(path) and not path.is_dir():
         _check_image(path, media, options)
         return ImageSink(path, force=force, tags=tags)
     if isinstance(media, ImageInput) and media.kind == "images" and (path.is_dir() or not path.suffix):
         _check_images(media, options)
-        return FolderSink(path, force=force, tags=tags)
+        return FolderSink(path, force=force, tags=tags, note=media.problems.note)
     return VideoSink(path, media, options, force=force, tags=tags, size=size, private=private)
 
 
@@ -299,16 +310,23 @@ def _check_image(path: Path, media: MediaInput, options: EncodeOptions) -> None:
         raise MediaError(
             f"{path.name} is one image but {media.name} is not: write to a video such as out.mp4."
         )
-    if options.lossless and is_lossy(path.suffix):
-        raise MediaError(f"{path.name} cannot be lossless, as JPEG never is: write to .png.")
+    if options.lossless and (form := lossy_form(path.suffix)):
+        raise MediaError(f"{path.name} cannot be lossless, as {form} never is: write to .png.")
 
 
 def _check_images(media: ImageInput, options: EncodeOptions) -> None:
-    lossy = next((file.name for file in media.files if is_lossy(file.suffix)), None)
+    lossy = next((file for file in media.files if lossy_form(file.suffix)), None)
     if options.lossless and lossy:
         raise MediaError(
-            f"{lossy} cannot be written lossless, as JPEG never is: write to a video such as out.mkv."
+            f"{lossy.name} cannot be written lossless, as {lossy_form(lossy.suffix)} never is: "
+            "write to a video such as out.mkv."
         )
+
+
+def _encoded(frame: Frame, suffix: str, tags: Mapping[str, str]) -> bytes:
+    """The bytes of an image file that shows a frame, with what its own image file had, where nothing was drawn."""
+    rgb, image = frame.rgb(), frame.stored
+    return encode_deep(DeepImage(rgb, frame.alpha) if image is None else changed(image, rgb), suffix, tags)
 
 
 def _container_of(path: Path) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from guise.aam.similarity import Failed
 from guise.analogy.feature_points import find_feature_points
 from guise.analogy.mesh import Mesh
-from guise.app.media.images import looks_like_image
+from guise.app.media.file_kind import has_image_name
 from guise.app.media.pictures import save_picture
 from guise.app.meshes import pictures
 from guise.app.meshes.context import RunContext
@@ -40,7 +40,7 @@ def preview_files(head: Path, after: Path | None, output: Path | None, context: 
     with context.stage(DRAWING):
         found = find_feature_points(file.mesh)
         points = None if isinstance(found, Failed) else found.positions
-        if looks_like_image(output):
+        if has_image_name(output):
             save_picture(output, _draw_picture(file.mesh, moved, titles, points))
         else:
             heads = _drawn_heads(file.mesh, moved, titles, points)

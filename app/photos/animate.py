@@ -15,7 +15,8 @@ from guise.aam.solid_shape import SolidPrior
 from guise.analogy.photo import PhotoAnalogy, PhotoError
 from guise.analogy.photo.grid import ANIMATED_FACE_PX
 from guise.app.media import EncodeOptions, Frame, open_input, open_sink, process
-from guise.app.media.images import DeepImage, looks_like_image
+from guise.app.media.file_kind import has_image_name, is_picture
+from guise.app.media.images import DeepImage
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.photos.driving_track import DrivingTrack, TrackingOptions, read_frame, track_clip
 from guise.app.photos.faces import Photo, PoseNormaliser, quality_warnings, to_profile, to_profile_of
@@ -187,9 +188,9 @@ def _rest_photo(clip: Path, track: DrivingTrack) -> Photo:
 
 def _require_files(source: Path | None, clip: Path, target: Path, output: Path, *, force: bool) -> None:
     """Raise errors that can be found before any work."""
-    if looks_like_image(clip):
+    if is_picture(clip):
         raise PhotoError(f"{clip} is a picture, not a clip: use `guise analogy image` for it")
-    if looks_like_image(output):
+    if has_image_name(output):
         raise OutputError(
             f"{output} has the name of a picture: give the name of a video, such as {output.with_suffix('.mp4')}"
         )

@@ -16,7 +16,7 @@ from guise.app.enrolment.enrol import EnrolError
 from guise.app.enrolment.file import EnrolReport, enrol_file
 from guise.app.enrolment.landmark_source import LandmarkSource, landmark_file
 from guise.app.media import EncodeOptions
-from guise.app.media.images import looks_like_image
+from guise.app.media.file_kind import is_picture
 from guise.common.files import require_free
 from guise.common.progress import Progress, Say, mute, silent
 from guise.common.samples import samples_folder
@@ -27,7 +27,7 @@ MAX_PHOTOS = 9  # more are learned as they are, without a virtual clip
 
 def are_photos(files: Sequence[Path]) -> bool:
     """Whether a person is to be learned from photos alone, and there are few of them."""
-    return len(files) <= MAX_PHOTOS and all(file.is_file() and looks_like_image(file) for file in files)
+    return len(files) <= MAX_PHOTOS and all(file.is_file() and is_picture(file) for file in files)
 
 
 def enrol_photos(

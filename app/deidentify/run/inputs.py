@@ -16,7 +16,8 @@ from pathlib import Path, PurePath
 
 from guise.app.deidentify.options import DeidentifyError
 from guise.app.deidentify.run import remote
-from guise.app.media.images import looks_like_image
+from guise.app.media.file_kind import has_image_name, is_picture, kind_of
+from guise.app.media.images import can_write
 from guise.common.files import natural_key
 
 OUTPUT_MARK = "_deidentified"
@@ -171,7 +172,7 @@ def _walk(
     folder: Path, below: PurePath, recursive: bool, skipped: Counter[str]
 ) -> Iterator[tuple[Path, PurePath]]:
     files, folders = _content(folder, skipped)
-    images = [file for file in files if looks_like_image(file)]
+    images = [file for file in files if is_picture(file)]
     if len(images) == len(files) > 1:
         yield folder, below.parent
     else:
@@ -193,20 +194,21 @@ def _content(folder: Path, skipped: Counter[str]) -> tuple[list[Path], list[Path
         raise InputError(
             f"the folder {folder} can't be read ({error.strerror}): check its permissions, or leave it out"
         ) from error
-    reasons = {path: _why_not(path.name, folder=path.is_dir()) for path in entries}
+    reasons = {path: _why_not(path.name, path) for path in entries}
     skipped.update(reason for reason in reasons.values() if reason)
     wanted = [path for path, reason in reasons.items() if not reason]
     return [p for p in wanted if not p.is_dir()], [p for p in wanted if p.is_dir()]
 
 
-def _why_not(name: str, *, folder: bool = False) -> str:
-    """Why a file of a folder isn't an input; "" when it is."""
+def _why_not(name: str, path: Path | None = None) -> str:
+    """Why a file of a folder isn't an input; "" when it is.   path : where it is, if on this machine."""
+    folder = path is not None and path.is_dir()
     if name.startswith("."):
         return "hidden"
     if name.endswith(OWN_SUFFIXES) or (name if folder else PurePath(name).stem).endswith(OUTPUT_MARK):
         return "from an earlier run"
-    known = folder or PurePath(name).suffix.lower() in VIDEO_SUFFIXES or looks_like_image(Path(name))
-    return "" if known else "not a video or image"
+    known = folder or PurePath(name).suffix.lower() in VIDEO_SUFFIXES or has_image_name(Path(name))
+    return "" if known or (path is not None and kind_of(path) != "video") else "not a video or image"
 
 
 def _skipped(where: str, counts: Counter[str]) -> list[str]:
@@ -229,7 +231,7 @@ def _find_matches(text: str, notes: list[str]) -> list[_FoundInput]:
         ) from error
     files = [path for path in matches if not path.is_dir()]
     hidden = [any(part.startswith(".") for part in path.relative_to(root).parts) for path in files]
-    reasons = ["hidden" if h else _why_not(path.name) for path, h in zip(files, hidden, strict=True)]
+    reasons = ["hidden" if h else _why_not(path.name, path) for path, h in zip(files, hidden, strict=True)]
     notes += _skipped(text, Counter(reason for reason in reasons if reason))
     found = [path for path, reason in zip(files, reasons, strict=True) if not reason]
     if not found:
@@ -292,8 +294,12 @@ class _OutputNamer:
         self._url = one.place if isinstance(one.place, str) else ""
         self._input = _copy_of(self._url, work) if self._url else Path(one.place)
         self._below, self._target, self._work = one.below, target, work
-        image = self._input.is_dir() or looks_like_image(self._input)
-        self._suffix = self._input.suffix if image else suffix_for(self._input)
+        image = self._input.is_dir() or is_picture(self._input)
+        self._suffix = (
+            (self._input.suffix if can_write(self._input.suffix) else ".png")
+            if image
+            else suffix_for(self._input)
+        )
 
     def pair(self, *, whole: bool = False) -> FilePair:
         """Input and output; the output with the `whole` name of the input in its own, or without its suffix."""

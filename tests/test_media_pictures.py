@@ -1,0 +1,181 @@
+"""Photos as phones, cameras and browsers write them: told by their content, whole, and written as what they are."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from heif_files import grid_file
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from guise.app.media import Frame, MediaError, open_input, open_sink
+from guise.app.media.boxes import box
+from guise.app.media.file_kind import IMAGE_SUFFIXES, kind_of
+from guise.app.media.images import DeepImage, encode_deep, lost_in, read_deep
+
+CASES = Path(__file__).parents[2] / "shared" / "cases" / "media"
+TAGS = {"comment": "Synthetic face", "digital_source_type": "http://cv.iptc.org/x"}
+
+
+def smooth(height: int, width: int, dtype: type = np.uint8, seed: int = 0) -> np.ndarray:
+    top = np.iinfo(dtype).max
+    noise = np.random.default_rng(seed).uniform(0, 1, (height, width, 3)).astype(np.float32)
+    blurred = cv2.GaussianBlur(noise, (0, 0), 9)
+    return (cv2.normalize(blurred, None, 0.05, 0.95, cv2.NORM_MINMAX) * top).astype(dtype)
+
+
+def apart(one: np.ndarray, other: np.ndarray) -> float:
+    """Mean difference, in 8-bit levels."""
+    assert one.shape == other.shape
+    return float(np.abs(one.astype(float) - other).mean()) / (1 if one.dtype == np.uint8 else 257)
+
+
+@pytest.mark.parametrize("suffix", sorted(IMAGE_SUFFIXES))
+def test_every_form_is_written_and_read_whatever_it_is_called(tmp_path: Path, suffix: str) -> None:
+    image = smooth(48, 64)
+    data = encode_deep(DeepImage(image), suffix, TAGS)
+    for name in (f"a{suffix}", "b.mp4", "c"):
+        (tmp_path / name).write_bytes(data)
+        assert kind_of(tmp_path / name) == "image"
+        with open_input(tmp_path / name) as source:
+            assert (source.kind, source.width, source.height) == ("image", 64, 48)
+            assert apart(next(iter(source)).rgb(), image) < 3
+    if suffix not in (".bmp", ".dib", ".j2k"):
+        assert b"http://cv.iptc.org/x" in data
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    form=st.sampled_from(["heic", "avif"]), deep=st.booleans(), rows=st.integers(1, 2), columns=st.integers(1, 3),
+    cut=st.tuples(st.integers(0, 15), st.integers(0, 15)), turn=st.integers(0, 3), mirror=st.sampled_from([None, 0, 1]),
+)  # fmt: skip
+def test_tiles_are_one_picture(
+    form: str, deep: bool, rows: int, columns: int, cut: tuple[int, int], turn: int, mirror: int | None
+) -> None:
+    image = smooth(64 * rows, 64 * columns, np.uint16 if deep else np.uint8)
+    tiles = [[image[64 * r :, 64 * c :][:64, :64] for c in range(columns)] for r in range(rows)]
+    size = image.shape[0] - cut[0], image.shape[1] - cut[1]
+    properties = [box(b"irot", bytes([turn]))] + ([] if mirror is None else [box(b"imir", bytes([mirror]))])
+    data = grid_file(tiles, size, form, bits=10 if deep else 8, properties=properties)
+    shown = np.rot90(image[: size[0], : size[1]], turn)
+    shown = shown if mirror is None else np.flip(shown, mirror)
+    path = Path("/tmp") / "unused"
+    read = _read(data, path)
+    assert apart(read.pixels, shown) < 2
+    assert (read.bits, read.depth) == ((16, 10) if deep else (8, None))
+
+
+def _read(data: bytes, path: Path) -> DeepImage:
+    from unittest.mock import patch
+
+    with patch.object(Path, "read_bytes", lambda self: data):
+        return read_deep(path)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    suffix=st.sampled_from([".heic", ".avif", ".jp2"]), deep=st.booleans(), alpha=st.booleans(),
+    height=st.integers(32, 80), width=st.integers(32, 80),
+)  # fmt: skip
+def test_depth_alpha_and_profile_are_kept(
+    suffix: str, deep: bool, alpha: bool, height: int, width: int
+) -> None:
+    dtype = np.uint16 if deep else np.uint8
+    cover = smooth(height, width, dtype, seed=1)[..., 0] if alpha else None
+    depth = 10 if deep and suffix != ".jp2" else None
+    image = DeepImage(smooth(height, width, dtype), cover, _profile(), depth)
+    read = _read(encode_deep(image, suffix, TAGS), Path("/tmp/unused"))
+    assert apart(read.pixels, image.pixels) < 3
+    assert (read.depth, read.profile) == (image.depth, image.profile)
+    assert (read.alpha is None) == (cover is None)
+    assert cover is None or read.alpha is None or apart(read.alpha, cover) < 2
+    assert lost_in(suffix, image) == []
+
+
+def _profile() -> bytes:
+    from PIL import ImageCms
+
+    return ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+
+
+@pytest.mark.parametrize("code_points", [(9, 16), (12, 13)])
+@pytest.mark.parametrize("suffix", [".heic", ".avif"])
+def test_wide_and_hdr_colours_are_told_on(suffix: str, code_points: tuple[int, int]) -> None:
+    image = DeepImage(smooth(32, 32, np.uint16), depth=10, code_points=code_points)
+    assert _read(encode_deep(image, suffix, {}), Path("/tmp/unused")).code_points == code_points
+
+
+def test_heif_files_are_what_other_readers_take_them_for(tmp_path: Path) -> None:
+    image = smooth(61, 83)
+    cover = smooth(61, 83, seed=1)[..., 0]
+    with Image.open(io.BytesIO(encode_deep(DeepImage(image, cover), ".avif", TAGS))) as read:
+        pixels = np.asarray(read)
+    assert apart(pixels[..., :3], image) < 3
+    assert apart(pixels[..., 3], cover) < 2
+
+
+@pytest.mark.parametrize("suffix", [".heic", ".avif"])
+def test_a_damaged_heif_file_is_one_sentence(suffix: str) -> None:
+    whole = encode_deep(DeepImage(smooth(48, 64)), suffix, TAGS)
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        data = bytearray(whole)
+        at = int(rng.integers(0, 500))
+        data[at : at + 4] = rng.bytes(4)
+        for damaged in (bytes(data), whole[: int(rng.integers(20, len(whole)))]):
+            with contextlib.suppress(MediaError):
+                _read(damaged, Path("/tmp/x.heic"))
+
+
+def test_a_folder_takes_every_picture_and_says_what_it_skips(tmp_path: Path) -> None:
+    folder = tmp_path / "in"
+    folder.mkdir()
+    names = ["a.heic", "b.avif", "c.jfif", "d.jp2", "e.tif"]
+    for name in names:
+        (folder / name).write_bytes(encode_deep(DeepImage(smooth(32, 40)), Path(name).suffix, {}))
+    (folder / "f").write_bytes(encode_deep(DeepImage(smooth(32, 40)), ".png", {}))
+    (folder / "notes.txt").write_text("about them", encoding="utf-8")
+    with open_input(folder) as source, open_sink(tmp_path / "out", source) as sink:
+        for frame in source:
+            sink.write(frame)
+        notes = list(source.problems)
+    assert notes == [
+        "Skipped notes.txt, which are not single images.",
+        "f was written as .png, because f cannot be written.",
+    ]
+    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == [*names, "f.png"]
+    assert all(read_deep(file).pixels.shape == (32, 40, 3) for file in (tmp_path / "out").iterdir())
+
+
+def test_a_camera_raw_picture_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "a.dng"
+    preview = Image.fromarray(smooth(24, 32))
+    preview.save(path, "TIFF", tiffinfo={0xC612: b"\1\4\0\0"})
+    with pytest.raises(MediaError, match="is a camera's raw picture"):
+        open_input(path)
+
+
+def test_a_cut_jpeg_is_read_as_far_as_it_goes_and_said_to_be_damaged(tmp_path: Path) -> None:
+    data = encode_deep(DeepImage(smooth(64, 64)), ".jpg", {})
+    (tmp_path / "a.jpg").write_bytes(data[: len(data) * 2 // 3])
+    with open_input(tmp_path / "a.jpg") as source:
+        assert isinstance(next(iter(source)), Frame)
+        assert source.problems == ["a.jpg is damaged: what cannot be read of it is grey."]
+
+
+@pytest.mark.skipif(not CASES.is_dir(), reason="the files that fail are not here")
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [("photo.heic", (640, 480)), ("photo.avif", (640, 480)), ("photo.jfif", (640, 480)), ("photo.jp2", (640, 480)),
+     ("grid.avif", (1280, 960))],
+)  # fmt: skip
+def test_the_cases_are_pictures_of_their_full_size(name: str, size: tuple[int, int]) -> None:
+    with open_input(CASES / name) as source:
+        assert (source.kind, source.width, source.height) == ("image", *size)
+        assert next(iter(source)).rgb().std() > 20
