@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 import av
 
+from guise.app.media.clock import clock_of
 from guise.app.media.coded_quality import quantiser
 from guise.app.media.errors import MediaError
 from guise.app.media.file_kind import kind_of
@@ -20,7 +21,14 @@ from guise.app.media.frame import Frame
 from guise.app.media.hardware import HardwareDecoder, working_decoder
 from guise.app.media.images import eight_bits, list_images, read_deep
 from guise.app.media.orientation import AS_STORED, Orientation, parse_display_matrix
-from guise.app.media.reader import AnyPacket, ProblemLog, VideoReader, main_video, open_container
+from guise.app.media.reader import (
+    AnyPacket,
+    ProblemLog,
+    VideoReader,
+    frame_rate,
+    main_video,
+    open_container,
+)
 from guise.common.closing import Closing
 
 Kind = Literal["video", "image", "images"]
@@ -83,6 +91,7 @@ class VideoInput(MediaInput):
     """A video file.  On the next pass, the other streams' packets go to the sink that asked for them.
 
     quantiser : mean (0..51) of the first picture, where its decoder tells.
+    clock : on which all passes put all streams.
     """
 
     kind = "video"
@@ -96,6 +105,8 @@ class VideoInput(MediaInput):
         self._listener: Callable[[AnyPacket], None] | None = None
         self._others: list[VideoReader] = []
         try:
+            self.clock = self._template.clock = clock_of(path, self.container, self.stream)
+            self.problems.add(filter(None, [self.clock.note()]))
             self._template.on_packet = self._early_packets.append
             self._template.tell_quantiser()
             self.first_picture = self._prime()
@@ -123,11 +134,13 @@ class VideoInput(MediaInput):
         if self.display_matrix is not None:
             self.orientation = Orientation.from_display_matrix(self.display_matrix)
         self.width, self.height = self.orientation.size(picture.width, picture.height)
-        rate = stream.average_rate or stream.guessed_rate or stream.base_rate
-        self.frame_rate = Fraction(rate) if rate and rate < _MAX_FRAME_RATE else self._measured_rate()
+        rate = frame_rate(self.container, stream)
+        self.frame_rate = rate if rate and rate < _MAX_FRAME_RATE else self._measured_rate()
         self.duration = self._find_duration()
-        self.frame_count = stream.frames or (
-            None if self.duration is None else max(round(self.duration * self.frame_rate), 1)
+        self.frame_count = (
+            stream.frames
+            or self.clock.pictures
+            or (None if self.duration is None else max(round(self.duration * self.frame_rate), 1))
         )
         self.has_audio = len(self.container.streams.audio) > 0
 
@@ -140,6 +153,8 @@ class VideoInput(MediaInput):
         return Fraction((len(times) - 1) / span).limit_denominator(1001) if span else IMAGES_PER_SECOND
 
     def _find_duration(self) -> Fraction | None:
+        if self.clock.pictures:
+            return self.clock.end - self.clock.start
         if self.stream.duration:
             return self.stream.duration * self.time_base
         return Fraction(self.container.duration, av.time_base) if self.container.duration else None
@@ -164,7 +179,7 @@ class VideoInput(MediaInput):
 
     def open_reader(self, problems: ProblemLog) -> VideoReader:
         """Another pass over the file; it closes with this input."""
-        reader = VideoReader(self.path, problems, self._device)
+        reader = VideoReader(self.path, problems, self._device, self.clock)
         self._others.append(reader)
         return reader
 

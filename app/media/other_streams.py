@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterator
 
 from guise.app.media.input import VideoInput
-from guise.app.media.reader import AnyPacket, ProblemLog, VideoReader
+from guise.app.media.reader import AnyPacket, ProblemLog
 
 
 def first_pts(media: VideoInput) -> int:
     """Time of the first picture, in units of the input's time base."""
-    with VideoReader(media.path, ProblemLog()) as reader:
+    with media.open_reader(ProblemLog()) as reader:
         return next(iter(reader)).pts or 0
 
 

@@ -29,7 +29,7 @@ from guise.app.media.errors import MediaError
 from guise.app.media.frame import NATIVE_FORMATS, Frame
 from guise.app.media.input import MediaInput, VideoInput
 from guise.app.media.orientation import Orientation
-from guise.app.media.reader import AnyPacket, VideoReader, nearest_format, reformat
+from guise.app.media.reader import AnyPacket, nearest_format, reformat
 from guise.app.media.sink import Sink, VideoOutput, as_media_error, check_free, later_time
 from guise.app.media.stream_copies import Audio
 
@@ -261,7 +261,7 @@ def _with_headers(packet: AnyPacket, headers: bytes) -> AnyPacket:
 def _timed_others(media: VideoInput) -> Iterator[_Timed]:
     """The packets of the other streams and when they are due, seconds; one without a time follows the last."""
     time = Fraction(-(2**62))
-    with VideoReader(media.path, media.problems) as reader:
+    with media.open_reader(media.problems) as reader:
         reader.only_others()
         for packet in reader.packets():
             if packet.stream is reader.stream or not (packet.size or packet.dts is not None):

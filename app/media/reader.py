@@ -20,6 +20,7 @@ from av.packet import Packet
 from av.video.stream import VideoStream
 
 from guise.app.media import colour
+from guise.app.media.clock import STEADY, FileClock, Retimer
 from guise.app.media.coded_quality import TELL_QUANTISER
 from guise.app.media.errors import MediaError, reason
 from guise.app.media.frame import NATIVE_FORMATS
@@ -30,6 +31,7 @@ AnyPacket: TypeAlias = "Packet[av.stream.Stream]"
 _TEXT_AS_VIDEO = frozenset(
     {"tty", "bin", "xbin", "adf", "idf"}
 )  # FFmpeg renders text as a terminal's pictures
+_NO_TIMESTAMPS = 0x80  # FFmpeg's AVFMT_NOTIMESTAMPS: a format's packets have no times
 _STATES_DURATION = frozenset({"mp4", "matroska", "avi", "flv"})  # containers whose header has it
 
 
@@ -113,15 +115,18 @@ class VideoReader(Closing):
     """One pass over a video file: iterate for the decoded pictures, in native formats, pts ascending.
 
     device : that decodes, such as "cuda", which must work; what it cannot decode, the processor does.
+    clock : on which the packets of all streams are put.
     on_packet : called with each packet of every other stream, in file order.
     damaged : whether any picture so far was lost or concealed; with several threads this is not deterministic.
     """
 
     damaged = False
 
-    def __init__(self, path: Path, problems: ProblemLog, device: str | None = None) -> None:
+    def __init__(
+        self, path: Path, problems: ProblemLog, device: str | None = None, clock: FileClock = STEADY
+    ) -> None:
         self.container = open_container(path, device)
-        self.problems = problems
+        self.problems, self.clock = problems, clock
         self.on_packet: Callable[[AnyPacket], None] = lambda packet: None
         try:
             self.stream = main_video(self.container, path)
@@ -163,7 +168,8 @@ class VideoReader(Closing):
         self.only_video()
         self._start, self._started = pts, False
         self._shape = (first.width, first.height, first.format.name)
-        self.container.seek(min(pts, dts), stream=self.stream)
+        shift = round(self.clock.shift(self.stream.index) / self.time_base)
+        self.container.seek(min(pts, dts) - shift, stream=self.stream)
 
     def _leave_out(self, streams: Iterable[av.stream.Stream]) -> None:
         """Read no packets of streams other than the chosen one."""
@@ -204,14 +210,15 @@ class VideoReader(Closing):
         """Until the end of the stream where that is known, otherwise the average; 0 if unknown."""
         assert picture.pts is not None
         end = (self.stream.start_time or 0) + (self.stream.duration or 0)
-        if end > picture.pts:
+        end += round(self.clock.shift(self.stream.index) / self.time_base)
+        if end > picture.pts and not self.clock.jumps:
             return end - picture.pts
         return self._usual_duration(picture)
 
     def _usual_duration(self, picture: av.VideoFrame) -> int:
         """From the average rate, or what the decoder says; 0 if unknown."""
-        rate = self.stream.average_rate or self.stream.guessed_rate
-        return round(1 / (Fraction(rate) * self.time_base)) if rate else int(picture.duration or 0)
+        rate = frame_rate(self.container, self.stream)
+        return round(1 / (rate * self.time_base)) if rate else int(picture.duration or 0)
 
     def _follow(self, packet: AnyPacket) -> None:
         """Record how far into the file the packets of its stream reach."""
@@ -221,15 +228,16 @@ class VideoReader(Closing):
                 self._reached[packet.stream_index] = end
 
     def packets(self) -> Iterator[AnyPacket]:
-        """All packets, undecoded, and an empty one at the end of each stream.
+        """All packets, undecoded and on the clock, and an empty one at the end of each stream.
 
         A read error is reported and skipped, until there are too many in a row.
         """
-        failures = 0
+        failures, retime = 0, Retimer(self.clock)
         while failures < LIMITS.max_failed_reads:
             try:
                 for packet in self.container.demux():
                     failures = 0
+                    retime(packet)
                     yield packet
                 return
             except av.error.FFmpegError as error:
@@ -275,18 +283,23 @@ class VideoReader(Closing):
             )
 
     def _reached_end(self) -> Fraction:
-        """How far into the file packets reached, seconds."""
+        """How far into the file packets reached, seconds of its own clock."""
         streams = self.container.streams
-        ends = [end * Fraction(streams[i].time_base or 0) for i, end in self._reached.items()]
+        ends = [
+            end * Fraction(streams[i].time_base or 0) - self.clock.shift(i)
+            for i, end in self._reached.items()
+        ]
         return max(ends, default=Fraction(0))
 
     def _announced_end(self) -> Fraction | None:
         """The end of the file by its header, seconds; None where that would be a guess."""
         kinds = set(self.container.format.name.split(","))
-        whole = self._start is None and len(self.container.streams.video) == 1
+        whole = self._start is None and len(self.container.streams.video) == 1 and not self.clock.jumps
         if not self.container.duration or not whole or not kinds & _STATES_DURATION:
             return None
-        return Fraction((self.container.start_time or 0) + self.container.duration, av.time_base)
+        # in others than MP4, some programs count from zero and some from the first packet
+        start = self.container.start_time or 0 if "mp4" in kinds else 0
+        return Fraction(start + self.container.duration, av.time_base)
 
     # -- one picture --------------------------------------------------------------------------------------
 
@@ -353,6 +366,13 @@ class VideoReader(Closing):
         """A time stamp, or the last one that was yielded, in seconds."""
         known = pts if pts is not None else self._last
         return "an unknown time" if known is None else f"{float(known * self.time_base):.2f} s"
+
+
+def frame_rate(container: InputContainer, stream: VideoStream) -> Fraction | None:
+    """A stream's average rate, pictures per second, or its codec's where the file has no times; None if unknown."""
+    coded = stream.codec_context.framerate if container.format.flags & _NO_TIMESTAMPS else None
+    rate = coded or stream.average_rate or stream.guessed_rate or stream.base_rate
+    return Fraction(rate) if rate else None
 
 
 def nearest_format(picture: av.VideoFrame) -> str:

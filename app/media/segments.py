@@ -103,7 +103,9 @@ def _from_packets(media: VideoInput, length: int) -> Scan | None:
     """The scan without decoding everything, or None where it would be uncertain."""
     packets = _video_packets(media)
     decoded = [frame.pts for frame in islice(media, _CHECKED_PICTURES)]
-    if packets is None:
+    if (
+        packets is None or media.clock.jumps
+    ):  # where packets lie among jumps, only a pass from the start tells
         return None
     times, dts, is_key = packets
     times, order = np.sort(times), times
@@ -123,7 +125,7 @@ def _video_packets(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]] | None:
     """pts, dts and key flag (n,) of the video's packets in decoding order; None if they are ambiguous."""
     problems = ProblemLog()
-    with VideoReader(media.path, problems) as reader:
+    with media.open_reader(problems) as reader:
         reader.only_video()
         if reader.stream.codec_context.codec.canonical_name not in _ONE_PICTURE_PER_PACKET:
             return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -85,7 +86,7 @@ class StreamCopier:
         self, output: OutputContainer, media: VideoInput, *, private: bool, audio: Audio = "keep"
     ) -> None:
         self._output = output
-        self._problems = media.problems
+        self._problems, self._joined = media.problems, bool(media.clock.jumps)
         self._streams: dict[int, Stream] = {}
         self._masks: dict[int, MaskedAudio] = {}
         self._last_dts: dict[int, int] = {}
@@ -140,23 +141,27 @@ class StreamCopier:
         target = self._streams.get(packet.stream_index)
         if target is None:
             return
-        self._repair_times(packet)
+        self._repair_times(packet, target)
         packet.stream = target
         try:
             self._output.mux_one(packet)
         except (av.error.InvalidDataError, av.error.ArgumentError) as error:
             self._problems.note(f"A packet of {_title(target)} could not be copied ({error.strerror}).")
 
-    def _repair_times(self, packet: AnyPacket) -> None:
-        """Muxers need an ascending dts on every packet; a missing one follows from the last."""
+    def _repair_times(self, packet: AnyPacket, target: Stream) -> None:
+        """Muxers need an ascending dts on every packet, in the output's unit; a missing one follows from the last."""
         index = packet.stream_index
         last = self._last_dts.get(index)
         dts = packet.dts if packet.dts is not None else packet.pts
+        least = 0 if last is None else last + max(math.ceil((target.time_base or 0) / packet.time_base), 1)
         if dts is None:
-            dts = 0 if last is None else last + max(packet.duration or 0, 1)
-        elif last is not None and dts <= last:
-            self._problems.note(f"A time stamp of {_title(packet.stream)} did not ascend and was moved on.")
-            dts = last + 1
+            dts = least if last is None else max(last + (packet.duration or 0), least)
+        elif last is not None and dts < least:
+            if dts <= last and not self._joined:  # where parts were joined, sound may overlap
+                self._problems.note(
+                    f"A time stamp of {_title(packet.stream)} did not ascend and was moved on."
+                )
+            dts = least
         packet.dts = self._last_dts[index] = dts
         packet.pts = dts if packet.pts is None else max(packet.pts, dts)
 

@@ -1,0 +1,327 @@
+"""One clock for all streams of a video file.
+
+The clock of a transport stream, of a joined recording or of a stream that broke off starts again, jumps or begins below
+zero.  Players go on at such a place; a file with one clock needs an offset for what follows, the same for all streams.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import av
+import av.error
+
+if TYPE_CHECKING:
+    from av.container import InputContainer
+    from av.packet import Packet
+    from av.stream import Stream
+
+# Containers whose clock may be set anew at any time; in others, a gap is as long as it says.
+_WITH_GAPS = frozenset({"mpegts", "mpeg", "ogg", "flv", "live_flv"})
+_JOINABLE = _WITH_GAPS | {"matroska", "webm"}  # byte by byte; the others' times ascend by construction
+_FOLLOWED = ("audio", "video")
+_MAX_FAILED_READS = 64  # in a row
+
+
+@dataclass(frozen=True)
+class ClockLimits:
+    """What counts as a jump of the clock, seconds."""
+
+    max_step_back: Fraction = Fraction(1, 4)
+    max_step_ahead: Fraction = Fraction(10)  # as FFmpeg's `dts_delta_threshold`
+    max_difference: Fraction = Fraction(1)  # between the streams' jumps at one place
+    max_overlap: Fraction = Fraction(1, 4)  # of the sound before and after
+
+
+LIMITS = ClockLimits()
+
+
+class ClockChange(NamedTuple):
+    """What is added from a stream's packet `start` on, seconds; times below `since` are still those before."""
+
+    start: int
+    added: Fraction
+    since: Fraction | None
+
+
+@dataclass(frozen=True)
+class FileClock:
+    """What is added to the times of a file's packets.
+
+    steps : by stream index; the first starts at packet 0.
+    jumps : where the clock of the pictures jumped, seconds after it was put right.
+    start, end, pictures : of the pictures, seconds and number, where the file was read for it; otherwise 0.
+    """
+
+    steps: Mapping[int, tuple[ClockChange, ...]] = field(default_factory=dict)
+    jumps: tuple[Fraction, ...] = ()
+    start: Fraction = Fraction(0)
+    end: Fraction = Fraction(0)
+    pictures: int = 0
+
+    def shift(self, index: int) -> Fraction:
+        """What is added to the times of a stream's first packets, seconds."""
+        return self.steps[index][0].added if index in self.steps else Fraction(0)
+
+    def note(self) -> str | None:
+        """One sentence about the jumps, or None."""
+        if not self.jumps:
+            return None
+        more = f" and at {len(self.jumps) - 1} more places" if len(self.jumps) > 1 else ""
+        at = f"{float(self.jumps[0]):.2f} s{more}"
+        return f"The input's clock jumps at {at}: what follows was joined, all streams alike."
+
+
+STEADY = FileClock()
+
+
+class Retimer:
+    """Puts the packets of one pass over a file, from its start, on the clock."""
+
+    def __init__(self, clock: FileClock) -> None:
+        self._streams = {i: _Offset(s) for i, s in clock.steps.items() if any(c.added for c in s)}
+
+    def __call__(self, packet: Packet[Stream]) -> None:
+        """Change the packet's times."""
+        if (offset := self._streams.get(packet.stream_index)) is not None:
+            offset.next_packet(Fraction(packet.time_base))
+            if packet.pts is not None:
+                packet.pts = offset.moved(packet.pts)
+            if packet.dts is not None:
+                packet.dts = offset.moved(packet.dts)
+
+
+class _Offset:
+    """What is added to one stream's times at the moment, in its unit."""
+
+    def __init__(self, steps: tuple[ClockChange, ...]) -> None:
+        self._steps, self._packets = list(steps), 0
+        self._added = self._before = 0
+        self._since = -math.inf
+
+    def next_packet(self, unit: Fraction) -> None:
+        """Go on to the stream's next packet."""
+        if self._steps and self._steps[0].start <= self._packets:
+            step = self._steps.pop(0)
+            self._before, self._added = self._added, round(step.added / unit)
+            self._since = -math.inf if step.since is None else math.ceil(step.since / unit)
+        self._packets += 1
+
+    def moved(self, time: int) -> int:
+        """A time of that packet on the clock."""
+        return time + (self._added if time >= self._since else self._before)
+
+
+def clock_of(path: Path, container: InputContainer, video: Stream) -> FileClock:
+    """The clock of a file, open as `container`; where it may jump, all packets are read."""
+    early = _early(container, video)
+    kinds = set(container.format.name.split(","))
+    if not kinds & _JOINABLE or not path.is_file():
+        return _shifted(container, early)
+    facts = path.stat()
+    return _scanned(str(path.absolute()), facts.st_size, facts.st_mtime_ns, video.index, early)
+
+
+def _early(container: InputContainer, video: Stream) -> Fraction:
+    """How long before zero the first packet of a file comes whose pictures begin below zero, seconds."""
+    starts = [
+        s.start_time * s.time_base for s in container.streams
+        if s.type in _FOLLOWED and s.start_time is not None and s.time_base is not None
+    ]  # fmt: skip
+    below = video.start_time is not None and video.start_time < 0
+    return -min(starts) if below else Fraction(0)
+
+
+def _shifted(container: InputContainer, seconds: Fraction) -> FileClock:
+    return (
+        FileClock({s.index: (ClockChange(0, seconds, None),) for s in container.streams})
+        if seconds
+        else STEADY
+    )
+
+
+# -- finding the jumps -----------------------------------------------------------------------------------------
+
+
+@dataclass
+class _Run:
+    """A stream's packets between two jumps, seconds.
+
+    start : the first one's number in the stream.   jump : from the time before; backwards by dts, ahead by pts.
+    since : times below belong to the run before, as pictures are decoded in another order; None after a jump back.
+    others : of the other streams at that moment, number of packets so far and last dts.
+    first, last : the least and the greatest pts.
+    """
+
+    start: int
+    jump: Fraction
+    since: Fraction | None
+    others: Mapping[int, tuple[int, Fraction | None]]
+    first: Fraction
+    last: Fraction
+
+    def take(self, time: Fraction) -> None:
+        """Add a packet's pts."""
+        self.first, self.last = min(self.first, time), max(self.last, time)
+
+
+class _Trace:
+    """The runs of one stream, while its packets are read."""
+
+    def __init__(self, stream: Stream) -> None:
+        self.unit = Fraction(stream.time_base or 1)
+        self.runs: list[_Run] = []
+        self.packets = 0
+        self.now: Fraction | None = None  # the last dts, seconds
+        self._steps: Counter[Fraction] = Counter()
+
+    @property
+    def step(self) -> Fraction:
+        """From packet to packet as a rule, seconds."""
+        return self._steps.most_common(1)[0][0] if self._steps else Fraction(0)
+
+    def feed(self, packet: Packet[Stream], traces: Mapping[int, _Trace]) -> None:
+        """Take the next packet."""
+        back = self._step_back(packet.dts)
+        if packet.pts is not None:
+            self._place(packet.pts * self.unit, back, traces)
+        self.packets += 1
+
+    def _step_back(self, dts: int | None) -> Fraction | None:
+        """By how much the dts jumps back, below 0, or None."""
+        if dts is None:
+            return None
+        now, self.now = self.now, dts * self.unit
+        step = Fraction(0) if now is None else self.now - now
+        if step > 0:
+            self._steps[step] += 1
+        return step if step < -LIMITS.max_step_back else None
+
+    def _place(self, time: Fraction, back: Fraction | None, traces: Mapping[int, _Trace]) -> None:
+        """Add a pts to the last run, to the one before, or to a new one."""
+        run = self.runs[-1] if self.runs else None
+        if run is None or back is not None:
+            self._begin(time, back or Fraction(0), None, traces)
+        elif time > run.last + LIMITS.max_step_ahead:
+            self._begin(time, time - run.last, (time + run.last) / 2, traces)
+        else:
+            earlier = run.since is not None and time < run.since
+            self.runs[-2 if earlier else -1].take(time)
+
+    def _begin(
+        self, time: Fraction, jump: Fraction, since: Fraction | None, traces: Mapping[int, _Trace]
+    ) -> None:
+        others = {index: (trace.packets, trace.now) for index, trace in traces.items()}
+        self.runs.append(_Run(self.packets, jump, since, others, time, time))
+
+
+@lru_cache(maxsize=64)
+def _scanned(path: str, size: int, changed: int, video: int, early: Fraction) -> FileClock:
+    """The clock of a file by all its packets.
+
+    size, changed : of the file, so that another one under its name is read again.
+    """
+    with av.open(path, metadata_errors="surrogateescape") as container:
+        kinds = set(container.format.name.split(","))
+        traces = {stream.index: _Trace(stream) for stream in container.streams}
+        for packet in _packets(container):
+            traces[packet.stream_index].feed(packet, traces)
+        sounds = {s.index: traces[s.index] for s in container.streams.audio if traces[s.index].packets}
+    if not traces[video].runs:
+        return STEADY
+    return _Joined(traces, video, sounds, early, closes_gaps=bool(kinds & _WITH_GAPS)).clock()
+
+
+def _packets(container: InputContainer) -> Iterator[Packet[Stream]]:
+    """All packets that can be read, without those that end a stream."""
+    failures = 0
+    while failures < _MAX_FAILED_READS:
+        try:
+            for packet in container.demux():
+                failures = 0
+                if packet.size:
+                    yield packet
+            return
+        except av.error.FFmpegError:
+            failures += 1
+
+
+class _Joined:
+    """Joins the runs of a file: each run of the pictures follows the one before."""
+
+    def __init__(
+        self, traces: Mapping[int, _Trace], video: int, sounds: Mapping[int, _Trace], early: Fraction,
+        *, closes_gaps: bool,
+    ) -> None:  # fmt: skip
+        self._video, self._index, self._sounds = traces[video], video, sounds
+        self._closes_gaps = closes_gaps
+        self._steps = {index: [ClockChange(0, early, None)] for index in traces}
+        self._next_run = dict.fromkeys(sounds, 1)
+
+    def clock(self) -> FileClock:
+        """The clock that joins all runs."""
+        runs, jumps = self._video.runs, []
+        for before, run in pairwise(runs):
+            if (followers := self._followers(before, run)) is not None:
+                added = self._added(before, run, followers)
+                self._steps[self._index].append(ClockChange(run.start, added, run.since))
+                for index, (start, sound) in followers.items():
+                    self._steps[index].append(ClockChange(start, added, sound.since if sound else None))
+                jumps.append(run.first + added)
+        own = self._steps[self._index]
+        return FileClock(
+            {index: tuple(steps) for index, steps in self._steps.items()}, tuple(jumps),
+            runs[0].first + own[0].added, runs[-1].last + self._video.step + own[-1].added, self._video.packets,
+        )  # fmt: skip
+
+    def _followers(self, before: _Run, run: _Run) -> dict[int, tuple[int, _Run | None]] | None:
+        """The other streams that jump with the pictures' run: from which packet, in which run; None for no jump."""
+        found: dict[int, tuple[int, _Run | None]] = {}
+        for index in self._sounds:
+            if (same := self._same_jump(index, run)) is not None:
+                found[index] = same.start, same
+        together = len(found) == len(self._sounds)
+        if not together and self._strays(run):
+            return {}
+        if run.jump > 0 and not (together and self._closes_gaps):
+            return None  # pictures that are missing, or stand still, while the sound goes on
+        for index, (packets, now) in run.others.items():
+            if index not in (self._index, *found) and (
+                index not in self._sounds
+                or now is None
+                or abs(now - run.first) < abs(now - before.last)  # it ended early enough not to jump itself
+            ):
+                found[index] = packets, None
+        return found
+
+    def _same_jump(self, index: int, run: _Run) -> _Run | None:
+        """The run of a sound that jumps as far as that of the pictures."""
+        runs = self._sounds[index].runs
+        for number in range(self._next_run[index], len(runs)):
+            if abs(runs[number].jump - run.jump) < LIMITS.max_difference:
+                self._next_run[index] = number + 1
+                return runs[number]
+        return None
+
+    def _strays(self, run: _Run) -> bool:
+        """Whether the pictures alone jump and jump back: a few wrong times."""
+        pairs = pairwise(self._video.runs[1:])
+        return any(run in (a, b) and abs(a.jump + b.jump) < LIMITS.max_difference for a, b in pairs)
+
+    def _added(self, before: _Run, run: _Run, followers: Mapping[int, tuple[int, _Run | None]]) -> Fraction:
+        """What the run's times need: its pictures follow those before, unless its sound would overlap too much."""
+        added = self._steps[self._index][-1].added + before.last + self._video.step - run.first
+        for index, (_, sound) in followers.items():
+            if sound is not None:
+                trace = self._sounds[index]
+                end = trace.runs[trace.runs.index(sound) - 1].last + trace.step + self._steps[index][-1].added
+                added = max(added, end - LIMITS.max_overlap - sound.first)
+        return added

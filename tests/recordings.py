@@ -1,0 +1,93 @@
+"""Small recordings with sound, whose clock is as a test wants it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from itertools import pairwise
+from pathlib import Path
+
+import av
+import numpy as np
+
+RATE, SAMPLES = 24, 48000  # pictures and samples per second
+STEP, CLOCK = Fraction(1, RATE), Fraction(1, 90000)
+_CODECS = {
+    ".mpg": ("mpeg2video", "mp2"), ".vob": ("mpeg2video", "ac3"), ".webm": ("libvpx", "libopus"),
+    ".wmv": ("wmv2", "wmav2"), ".avi": ("mpeg4", "mp2"),
+}  # fmt: skip
+Move = Callable[[Fraction], Fraction]
+
+
+def stay(time: Fraction) -> Fraction:
+    """The same time."""
+    return time
+
+
+def record(
+    path: Path, start: Fraction | int = 0, frames: int = 24, *, pictures: Move = stay, sound: Move | None = stay,
+    codecs: tuple[str, str] | None = None,
+) -> Path:  # fmt: skip
+    """A recording of 64 x 48 pixels.
+
+    start : time of the first picture and sample, seconds.   frames : pictures, beside as much sound.
+    pictures, sound : what their times become; None for no sound.   codecs : of pictures and sound.
+    """
+    codec, other = codecs or _CODECS.get(path.suffix, ("libx264", "aac"))
+    with av.open(str(path), "w") as out:
+        packets = _pictures(out, codec, [pictures(start + i * STEP) for i in range(frames)])
+        if sound is not None:
+            audio = out.add_stream(other, SAMPLES, layout="stereo")
+            audio.codec_context.open()
+            size = audio.codec_context.frame_size or 1024
+            blocks = range(int(frames * STEP * SAMPLES / size))
+            packets += _sound(audio, [sound(start + Fraction(i * size, SAMPLES)) for i in blocks], size)
+        for packet in sorted(packets, key=lambda p: p.dts * p.time_base):
+            out.mux(packet)
+    return path
+
+
+def _pictures(out: av.container.OutputContainer, codec: str, times: list[Fraction]) -> list[av.Packet]:
+    stream = out.add_stream(codec, RATE, {"preset": "ultrafast", "bf": "2"} if codec == "libx264" else {})
+    stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+    clock = STEP if codec in ("mpeg2video", "mpeg4", "wmv2") else CLOCK
+    stream.codec_context.time_base = clock
+    stream.bit_rate = 4_000_000  # a program stream has wrong times where several pictures share a packet
+    packets = []
+    for index, time in enumerate(times):
+        noise = np.random.default_rng(index).integers(0, 255, (48, 64, 3), np.uint8)
+        frame = av.VideoFrame.from_ndarray(noise, "rgb24").reformat(format="yuv420p")
+        frame.pts, frame.time_base = round(time / clock), clock
+        packets += stream.encode(frame)
+    return packets + stream.encode(None)
+
+
+def _sound(stream: av.AudioStream, times: list[Fraction], size: int) -> list[av.Packet]:
+    packets = []
+    for index, time in enumerate(times):
+        noise = np.random.default_rng(index).normal(0, 0.1, (2, size)).astype(np.float32)
+        frame = av.AudioFrame.from_ndarray(noise, "fltp", "stereo")
+        frame.sample_rate, frame.pts, frame.time_base = SAMPLES, round(time * SAMPLES), Fraction(1, SAMPLES)
+        packets += stream.encode(frame)
+    return packets + stream.encode(None)
+
+
+def join(path: Path, *parts: Path) -> Path:
+    """Files one after the other."""
+    path.write_bytes(b"".join(part.read_bytes() for part in parts))
+    return path
+
+
+def times(path: Path) -> tuple[list[Fraction], list[Fraction]]:
+    """The times of a file's shown pictures and of its packets of sound, seconds, ascending."""
+    with av.open(str(path)) as media:
+        pictures = [frame.pts * frame.time_base for frame in media.decode(video=0)]
+    with av.open(str(path)) as media:
+        found = media.demux(audio=0) if media.streams.audio else ()
+        sound = [p.pts * p.time_base for p in found if p.size and p.pts is not None]
+    return sorted(pictures), sorted(sound)
+
+
+def steps(found: list[Fraction]) -> list[float]:
+    """From one time to the next, seconds."""
+    return [float(b - a) for a, b in pairwise(found)]

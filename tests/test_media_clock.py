@@ -1,0 +1,130 @@
+"""One clock for all streams: joined files, gaps, times below zero, and files without times."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import pytest
+from recordings import RATE, STEP, join, record, steps, times
+
+from guise.app.media import EncodeOptions, open_input, open_sink, process
+from guise.app.media.segments import read_frames, scan
+
+WRAP = Fraction(2**33, 90000)
+FAST = EncodeOptions(preset="ultrafast", crf=40)
+
+
+def copied(source: Path, suffix: str = ".mp4") -> tuple[Path, list[str]]:
+    """The file through the media layer, and the notes."""
+    target = source.with_name(f"{source.name}.out{suffix}")
+    with open_input(source) as media, open_sink(target, media, FAST) as sink:
+        process(media, sink, lambda frame: None)
+        return target, list(media.problems)
+
+
+def is_steady(found: list[Fraction]) -> bool:
+    return steps(found) == pytest.approx([1 / RATE] * (len(found) - 1), abs=2e-3)
+
+
+# FFmpeg reads two files of Matroska in one, and a gap there is as long as it says.
+_JOINED = [(suffix, (0, 0)) for suffix in (".ts", ".vob", ".mkv", ".webm")] + [
+    (suffix, starts)
+    for suffix in (".ts", ".vob")
+    for starts in [(0, 0, 0), (0, 50), (100, 0), (3600, 30, 7200)]
+]
+
+
+@pytest.mark.parametrize(("suffix", "starts"), _JOINED)
+def test_what_was_joined_goes_on_steadily(tmp_path: Path, suffix: str, starts: tuple[int, ...]) -> None:
+    parts = [record(tmp_path / f"{i}{suffix}", start) for i, start in enumerate(starts)]
+    counts = [times(part) for part in parts]
+    source = join(tmp_path / f"joined{suffix}", *parts)
+    with open_input(source) as media:
+        assert float(media.duration) == pytest.approx(len(parts), abs=0.05)
+        assert media.frame_count == sum(len(pictures) for pictures, _ in counts)
+    target, notes = copied(source)
+    pictures, sound = times(target)
+    assert len(pictures) == sum(len(p) for p, _ in counts)
+    assert len(sound) == sum(len(s) for _, s in counts)
+    assert is_steady(pictures)
+    assert ["jumps" in note for note in notes] == [True]
+    last, begin = counts[-1]
+    apart = [p - s for p, s in [(pictures[-1], sound[-1]), (last[-1], begin[-1])]]
+    assert float(apart[0]) == pytest.approx(float(apart[1]), abs=0.02)
+
+
+@pytest.mark.parametrize("suffix", [".ts", ".flv", ".mkv", ".mp4"])
+@pytest.mark.parametrize("seconds", [12, 400])
+def test_a_gap_in_all_streams_is_closed_where_clocks_may_jump(
+    tmp_path: Path, suffix: str, seconds: int
+) -> None:
+    def late(time: Fraction) -> Fraction:
+        return time + seconds * (time >= Fraction(1, 2))
+
+    source = record(tmp_path / f"gap{suffix}", pictures=late, sound=late)
+    target, notes = copied(source)
+    pictures, sound = times(target)
+    assert (len(pictures), len(sound)) == tuple(map(len, times(source)))
+    closed = suffix in (".ts", ".flv")
+    assert is_steady(pictures) == closed
+    assert ["jumps" in note for note in notes] == [True] * closed
+    assert max(steps(sound)) == pytest.approx(0.021 if closed else seconds, abs=0.03)
+
+
+def test_pictures_that_are_missing_while_the_sound_goes_on_stay_away(tmp_path: Path) -> None:
+    source = record(tmp_path / "still.ts", frames=24, pictures=lambda t: t + 20 * (t > Fraction(1, 2)))
+    with open_input(source) as media:
+        assert max(steps([f.pts * f.time_base for f in media])) == pytest.approx(20 + float(STEP), abs=1e-3)
+        assert not media.problems
+
+
+@pytest.mark.parametrize("before", [Fraction(1, 2), Fraction(10), Fraction(100)])
+def test_a_clock_that_wraps_hides_no_picture(tmp_path: Path, before: Fraction) -> None:
+    source = record(tmp_path / "wrap.ts", WRAP - before, frames=48)
+    target, notes = copied(source)
+    pictures, sound = times(target)
+    assert len(pictures) == 48
+    assert is_steady(pictures)
+    assert len(sound) == len(times(source)[1])
+    assert min(pictures[0], sound[0]) >= 0
+    assert not notes
+
+
+@pytest.mark.parametrize("rate", [24, 30, 50, Fraction(30000, 1001)])
+@pytest.mark.parametrize("codec", ["h264", "hevc"])
+def test_a_raw_stream_has_the_rate_of_its_codec(tmp_path: Path, codec: str, rate: Fraction | int) -> None:
+    source = tmp_path / f"raw.{codec}"
+    with av.open(str(source), "w", format=codec) as out:
+        stream = out.add_stream("libx264" if codec == "h264" else "libx265", rate, {"preset": "ultrafast"})
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for _ in range(10):
+            out.mux(stream.encode(av.VideoFrame(64, 48, "yuv420p")))
+        out.mux(stream.encode(None))
+    with open_input(source) as media:
+        assert media.frame_rate == rate
+        found = [frame.pts * frame.time_base for frame in media]
+    assert steps(found) == pytest.approx([float(1 / Fraction(rate))] * 9, abs=1e-5)
+
+
+@pytest.mark.parametrize("suffix", [".mkv", ".mp4", ".mov", ".flv", ".ts"])
+@pytest.mark.parametrize("start", [5, 100])
+def test_a_late_start_counts_once(tmp_path: Path, suffix: str, start: int) -> None:
+    source = record(tmp_path / f"late{suffix}", start)
+    with open_input(source) as media:
+        assert float(media.duration) == pytest.approx(1, abs=0.1)
+        assert [float(f.pts * f.time_base) for f in media] == pytest.approx(
+            [start + i / RATE for i in range(24)], abs=0.05
+        )
+        assert not media.problems
+
+
+def test_a_joined_file_is_read_from_its_start_by_all_who_seek(tmp_path: Path) -> None:
+    part = record(tmp_path / "part.ts")
+    source = join(tmp_path / "joined.ts", part, part, part)
+    with open_input(source) as media:
+        expected = [frame.pts for frame in media]
+    found = scan(source, 10)
+    assert found.pts.tolist() == expected
+    assert [frame.pts for frame in read_frames(source, found, 30, 40)] == expected[30:40]
