@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import re
@@ -12,6 +13,8 @@ from types import TracebackType
 from typing import Any, Self
 
 from guise.common.errors import OutputError
+
+MAX_NAME_BYTES = 255  # of a file name, in most file systems
 
 
 def require_free(path: Path, *, force: bool) -> None:
@@ -58,9 +61,24 @@ def _require_folder(folder: Path) -> None:
         raise OutputError(f"{folder} cannot be written to, the folder {there} is not yours: choose another")
 
 
+def fitting_name(stem: str, ending: str) -> str:
+    """A file name of a stem and an ending; what is too long becomes a digest, the ending stays.
+
+    >>> fitting_name("talk", ".part")
+    'talk.part'
+    >>> fitting_name("t" * 300, ".part")[-20:]
+    'tttttt~0afa5eb0.part'
+    """
+    if len(os.fsencode(stem + ending)) <= MAX_NAME_BYTES:
+        return stem + ending
+    whole = os.fsencode(stem)
+    ending = f"~{hashlib.sha256(whole).hexdigest()[:8]}{ending}"
+    return whole[: MAX_NAME_BYTES - len(os.fsencode(ending))].decode(errors="ignore") + ending
+
+
 def part_of(path: Path) -> Path:
     """NAME.part, the name under which an output is written until it is complete."""
-    return path.with_name(f"{path.name}.part")
+    return path.with_name(fitting_name(path.name, ".part"))
 
 
 def write_whole(path: Path, content: bytes | str | Callable[[Path], object]) -> None:

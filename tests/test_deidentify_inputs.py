@@ -149,6 +149,11 @@ def test_a_container_that_cannot_hold_the_result_changes(here: Path) -> None:
     ]
 
 
+def test_a_container_that_was_asked_for_needs_no_note(here: Path) -> None:
+    make(here, "b.mp4")
+    assert plan("b.mp4", output="b.mkv").notes == []
+
+
 def test_outputs_never_share_their_reports(here: Path) -> None:
     make(here, "in/a.jpg", "in/a.mov", "in/a/1.png", "in/a/2.png", "in/b.mov")
     assert told(plan("in", recursive=True)) == [

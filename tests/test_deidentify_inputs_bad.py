@@ -191,8 +191,8 @@ def test_what_cannot_be_read_is_a_sentence_and_the_rest_is_done(
     out, err = capsys.readouterr()
     files = {f["input"]: f for f in json.loads(out)["files"]}
     assert {name: f["code"] for name, f in files.items()} == {
-        "broken.png": 1, "cut.mp4": 1, "empty.mp4": 1, "gone.mp4": 1, "good.mp4": 3, "nobody.mp4": 0, "sound.mp4": 1,
-        "text.mp4": 1,
+        "broken.png": 2, "cut.mp4": 2, "empty.mp4": 2, "gone.mp4": 2, "good.mp4": 3, "nobody.mp4": 0, "sound.mp4": 2,
+        "text.mp4": 2,
     }  # fmt: skip
     for name in ("broken.png", "cut.mp4", "empty.mp4", "gone.mp4", "sound.mp4", "text.mp4"):
         assert name in files[name]["sentence"]
@@ -211,7 +211,7 @@ def test_a_broken_image_is_one_line_on_the_terminal(here: Path) -> None:
     Path("broken.png").write_bytes(b"\x89PNG\r\n\x1a\nxxxx")
     code = "import sys; from guise.app.cli.main import main; sys.exit(main(['deidentify', 'broken.png']))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (1, "", 1)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert done.stderr.startswith("error: broken.png is not an image that can be read")
 
 
@@ -230,7 +230,7 @@ def test_a_file_that_may_not_be_read(
     encode("secret.mp4", faces).chmod(0)
     if os.access("secret.mp4", os.R_OK):
         pytest.skip("everything is readable for root")
-    assert deidentify("secret.mp4") == 1
+    assert deidentify("secret.mp4") == 2
     assert capsys.readouterr().err == (
         "error: secret.mp4 cannot be read (Permission denied): check its permissions.\n"
     )
@@ -264,6 +264,39 @@ def test_an_input_that_vanishes_midway_is_a_sentence_and_can_be_resumed(
     Path("away.mp4").rename("a.mp4")
     assert deidentify("a.mp4", "--resume", "-q") == 3
     assert_hidden(shown(Path("b.mp4")), shown(Path("a_deidentified.mp4")))
+
+
+def test_an_input_that_is_replaced_midway_is_noticed(
+    here: Path,
+    faces: list[np.ndarray],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The report would otherwise tell of other frames than the file that now has its name."""
+    perform = engines.perform
+
+    def replace(job: Job) -> None:
+        perform(job)
+        if job.stage == "render":
+            encode("new.mp4", faces[:2]).replace("a.mp4")
+
+    encode("a.mp4", faces)
+    monkeypatch.setattr(engines.SerialEngine.__init__, "__defaults__", (replace,))
+    assert deidentify("a.mp4") == 1
+    assert "a.mp4 was changed or replaced while it was being de-identified" in capsys.readouterr().err
+    assert not Path("a_deidentified.mp4").exists()
+
+
+@pytest.mark.parametrize("letter", ["n", "é", "😀"])
+def test_a_name_as_long_as_they_may_be_will_do(here: Path, faces: list[np.ndarray], letter: str) -> None:
+    size = len(letter.encode())
+    name = letter * (251 // size) + "x" * (251 % size) + ".mp4"
+    encode("plain.mp4", faces[:2]).rename(name)
+    assert deidentify("-q", name) == 3
+    (made,) = Path().glob("*_deidentified.mp4")
+    assert len(shown(made)) == 2
+    assert not list(Path().glob("*.work"))
+    assert deidentify("-q", name, "-o", "y" * 251 + ".mp4") == 3
 
 
 @pytest.fixture

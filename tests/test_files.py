@@ -1,11 +1,14 @@
 """Outputs are written whole or not at all, and names are put in natural order."""
 
+import os
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from guise.common.errors import OutputError
-from guise.common.files import WholeOutput, natural_key, part_of, write_json, write_whole
+from guise.common.files import WholeOutput, fitting_name, natural_key, part_of, write_json, write_whole
 
 
 @pytest.mark.parametrize("content", [b"\xc3\xa9", "é", lambda part: part.write_bytes(b"\xc3\xa9")])
@@ -94,3 +97,20 @@ def test_an_output_is_completed_once_or_removed(tmp_path: Path) -> None:
 def test_numbers_in_names_count_as_numbers(names: list[str]) -> None:
     backwards = names[::-1]
     assert sorted(backwards, key=natural_key) == names
+
+
+@given(st.text(st.characters(exclude_characters="/\0", exclude_categories=("Cs",)), min_size=1, max_size=300),
+       st.sampled_from([".part", ".work", "_deidentified.mp4", ".report.json"]))  # fmt: skip
+def test_a_derived_name_fits_and_keeps_its_ending(stem: str, ending: str) -> None:
+    name = fitting_name(stem, ending)
+    assert len(os.fsencode(name)) <= 255
+    assert name.endswith(ending)
+    assert fitting_name(stem + "x", ending) != name
+    assert name == stem + ending or len(os.fsencode(stem + ending)) > 255
+
+
+def test_a_file_with_the_longest_name_is_written_whole(tmp_path: Path) -> None:
+    path = tmp_path / ("n" * 251 + ".txt")
+    write_whole(path, "text")
+    assert path.read_text() == "text"
+    assert list(tmp_path.iterdir()) == [path]

@@ -144,3 +144,20 @@ def test_segments_show_what_a_whole_pass_shows(tmp_path: Path) -> None:
     assert len(found.segments) > 1
     assert all((a == b).all() for a, b in zip(whole, cut, strict=True))
     assert list(dict.fromkeys(said)) == noted
+
+
+@pytest.mark.parametrize("change", ["replaced", "grown", "gone", "none"])
+def test_an_input_that_changes_while_it_is_read_is_noted(tmp_path: Path, change: str) -> None:
+    path = tmp_path / "a.mkv"
+    joined_pictures(path, [(32, 32)])
+    joined_pictures(tmp_path / "b.mkv", [(32, 32)], 3)
+    with open_input(path) as media:
+        for frame in media:
+            if frame.index == 2 and change == "replaced":
+                (tmp_path / "b.mkv").replace(path)
+            elif frame.index == 2 and change == "grown":
+                with path.open("ab") as file:
+                    file.write(b"more")
+            elif frame.index == 2 and change == "gone":
+                path.unlink()
+        assert any("was changed or replaced" in note for note in media.problems) == (change != "none")

@@ -7,6 +7,7 @@ picture (`guise.app.live.overlay`), so that text stays readable.  Keys go to `Co
 from __future__ import annotations
 
 import ctypes
+import re
 from dataclasses import replace
 from types import ModuleType
 from typing import Any
@@ -96,7 +97,7 @@ class Window(Output):
             )  # fmt: skip
         except (self._glfw.GLFWError, RendererError) as error:
             raise OutputError(
-                f"no window can be opened ({error}): use a desktop, or {ALTERNATIVES}"
+                f"no window can be opened ({_plainly(error)}): use a desktop, or {ALTERNATIVES}"
             ) from error
         self._glfw.ERROR_REPORTING = "log"  # Wayland, for one, refuses some queries
         self._textures = [FrameTexture(self._window.ctx) for _ in range(2)]
@@ -247,3 +248,13 @@ def _libraries() -> tuple[ModuleType, ModuleType]:
             f'a window needs more packages: pip install "guise-video[window]", or {ALTERNATIVES}'
         ) from error
     return glfw, library
+
+
+def _plainly(error: BaseException) -> str:
+    """The text of an error; GLFW's are a number and the representation of bytes.
+
+    >>> _plainly(RuntimeError("(65550) b'X11: The DISPLAY environment variable is missing'"))
+    'X11: The DISPLAY environment variable is missing'
+    """
+    found = re.fullmatch(r"""\(\d+\) b(['"])(.*)\1""", str(error))
+    return found[2] if found else str(error)

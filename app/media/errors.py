@@ -10,6 +10,10 @@ class MediaError(GuiseError):
     """
 
 
+class UnreadableError(MediaError):
+    """An input that cannot be read at all."""
+
+
 def reason(error: Exception) -> str:
     """Why FFmpeg or the system has failed, in its own words."""
     return getattr(error, "strerror", None) or str(error)

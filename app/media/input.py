@@ -5,6 +5,7 @@ Pictures come as `Frame`s in display orientation with integer time stamps.  Ever
 
 from __future__ import annotations
 
+import stat
 from collections.abc import Callable, Collection, Iterable, Iterator
 from fractions import Fraction
 from itertools import islice
@@ -15,7 +16,7 @@ import av
 
 from guise.app.media.clock import clock_of
 from guise.app.media.coded_quality import quantiser
-from guise.app.media.errors import MediaError
+from guise.app.media.errors import MediaError, UnreadableError
 from guise.app.media.file_kind import kind_of
 from guise.app.media.frame import Frame
 from guise.app.media.hardware import HardwareDecoder, working_decoder
@@ -61,6 +62,11 @@ class MediaInput(Closing):
         self.path = path
         self.name = path.name
         self.problems = ProblemLog()
+        self._versions = [file_version(path)]
+
+    @property
+    def _files(self) -> list[Path]:
+        return [self.path]
 
     @property
     def rotation(self) -> int:
@@ -71,6 +77,13 @@ class MediaInput(Closing):
 
     def close(self) -> None:
         """Release the input."""
+
+    def note_replaced(self) -> None:
+        """Note that the input was changed or replaced since it was opened; called at the end of a pass."""
+        if [file_version(file) for file in self._files] != self._versions:
+            self.problems.note(
+                f"{self.name} was changed or replaced while it was read: the result may be of neither, run again."
+            )
 
     def describe(self) -> dict[str, object]:
         """The properties of the input, as JSON holds them."""
@@ -190,6 +203,7 @@ class VideoInput(MediaInput):
             yield Frame(
                 picture, pts=picture.pts, time_base=self.time_base, index=index, orientation=self.orientation
             )
+        self.note_replaced()
 
     def _pictures(self, listener: Callable[[AnyPacket], None]) -> Iterator[av.VideoFrame]:
         if self._first_pass is None:
@@ -230,6 +244,7 @@ class ImageInput(MediaInput):
             raise MediaError(
                 f"{path} is a folder without images: give one with .png or .jpg files, or a video file."
             )
+        self._versions = [file_version(file) for file in self.files]
         self.frame_rate = IMAGES_PER_SECOND
         first = next(iter(self), None)
         if first is None:
@@ -260,20 +275,37 @@ class ImageInput(MediaInput):
             frame.stored = image
             yield frame
             index += 1
+        self.note_replaced()
+
+    @property
+    def _files(self) -> list[Path]:
+        return self.files
+
+
+def file_version(path: Path) -> tuple[str, int, int] | None:
+    """What changes with a file: its name, size and time; None for what isn't a file, such as a pipe."""
+    try:
+        facts = path.stat()
+    except OSError:
+        return None
+    return (str(path.absolute()), facts.st_size, facts.st_mtime_ns) if stat.S_ISREG(facts.st_mode) else None
 
 
 def open_input(path: Path | str, hwaccel: HardwareDecoder = "none") -> MediaInput:
     """Open a video file, an image or a folder of images.
 
     hwaccel : the device that decodes a video, "auto" for one that works, or "none" for the processor.
-    Raises MediaError when there is nothing to read.
+    Raises UnreadableError when there is nothing to read.
     """
     path = Path(path)
-    if not path.exists():
-        raise MediaError(f"{path} does not exist: give a video file, an image or a folder of images.")
-    if path.is_dir() or kind_of(path) == "image":
-        return ImageInput(path)
-    return VideoInput(path, hwaccel)
+    try:
+        if not path.exists():
+            raise MediaError(f"{path} does not exist: give a video file, an image or a folder of images.")
+        if path.is_dir() or kind_of(path) == "image":
+            return ImageInput(path)
+        return VideoInput(path, hwaccel)
+    except MediaError as error:
+        raise UnreadableError(str(error)) from error
 
 
 def frames_at(path: Path | str, wanted: Collection[int]) -> Iterator[Frame]:

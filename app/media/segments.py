@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.app.media.frame import Frame
-from guise.app.media.input import MediaInput, VideoInput, open_input
+from guise.app.media.input import MediaInput, VideoInput, file_version, open_input
 from guise.app.media.reader import ProblemLog, VideoReader
 
 # Codecs in which every packet is one shown picture; others may have hidden or repeated ones.
@@ -183,12 +183,12 @@ class KeptFrames:
 
     def __init__(self, most: Callable[[], int]) -> None:
         self._most = most
-        self._held: tuple[_Version, list[Frame], ProblemLog] | None = None
+        self._held: tuple[tuple[str, int, int], list[Frame], ProblemLog] | None = None
 
     def frames(self, path: Path | str, problems: ProblemLog) -> list[Frame] | None:
         """The frames of a file, to be copied, and what went wrong when it was read; None where they aren't kept."""
         held = self._held
-        if held is None or held[0] != _version(path):
+        if held is None or held[0] != file_version(Path(path)):
             return None
         problems.add(held[2])
         return held[1]
@@ -198,7 +198,7 @@ class KeptFrames:
     ) -> Iterator[Frame]:
         """All `count` frames of a file; they are kept once the last one was read."""
         self.clear()
-        version, most, copies = _version(path), self._most(), list[Frame]()
+        version, most, copies = file_version(Path(path)), self._most(), list[Frame]()
         for frame in frames:
             if count * frame.nbytes <= most:
                 copies.append(frame.copy())
@@ -209,18 +209,6 @@ class KeptFrames:
     def clear(self) -> None:
         """Let go of them."""
         self._held = None
-
-
-_Version = tuple[str, int, int]
-
-
-def _version(path: Path | str) -> _Version | None:
-    """What changes with a file: its name, size and time; None for what isn't a file."""
-    file = Path(path)
-    if not file.is_file():
-        return None
-    found = file.stat()
-    return str(file.absolute()), found.st_size, found.st_mtime_ns
 
 
 def _window(media: MediaInput, scan: Scan, first: int, last: int) -> Iterator[Frame]:

@@ -33,7 +33,7 @@ from guise.app.deidentify.tracks import BYSTANDERS, FileReport, Track, TrackOutc
 from guise.app.media.pictures import Picture, shrunk
 from guise.app.swapping.donors import bare, titled
 from guise.app.swapping.policy import DONE
-from guise.common.files import write_whole
+from guise.common.files import fitting_name, write_whole
 from guise.common.text import printable
 from guise.common.version import VERSION
 
@@ -263,7 +263,7 @@ def _report_link(entry: BatchEntry, folder: Path) -> str:
     if entry.output is None:
         return ""
     output = Path(entry.output)
-    report = output.with_name(output.stem + ".report.html")
+    report = output.with_name(fitting_name(output.stem, ".report.html"))
     place = quote(os.fsencode(Path(os.path.relpath(report, folder)).as_posix()))
     return place if report.exists() else ""
 

@@ -29,12 +29,14 @@ from guise.app.deidentify.report.report import (
 from guise.app.deidentify.run import remote
 from guise.app.deidentify.run.engines import JobEngine
 from guise.app.deidentify.run.inputs import FilePair, is_there, short
-from guise.app.deidentify.run.job import deidentify_file
+from guise.app.deidentify.run.job import deidentify_file, work_folder
 from guise.app.deidentify.run.results import beside
-from guise.common.failures import explain, trace
+from guise.app.media.errors import UnreadableError
+from guise.common.failures import USER_MISTAKE, explain, trace
 from guise.common.progress import Progress
 
 COPYING = "copying"
+UNREAD = USER_MISTAKE  # code of a file that could not be read at all
 SUMMARY_NAME = "deidentify-%Y%m%d-%H%M%S"
 
 
@@ -101,11 +103,11 @@ def run_batch(pairs: Sequence[FilePair], run: BatchRun, observer: BatchObserver)
 
 
 def exit_code(entries: Sequence[BatchEntry]) -> int:
-    """1 when a file has failed, else 3 when a face was covered, else 0."""
+    """1 when a file has failed, else 3 when a face was covered, else 0; 2 when the only file could not be read."""
     codes = {entry.code for entry in entries}
     if codes <= {ALL_SWAPPED, SOME_COVERED}:
         return max(codes, default=ALL_SWAPPED)
-    return FAILED
+    return UNREAD if codes == {UNREAD} else FAILED
 
 
 def write_summary(pairs: Sequence[FilePair], entries: Sequence[BatchEntry]) -> str:
@@ -134,7 +136,8 @@ def _attempt(pair: FilePair, run: BatchRun, observer: BatchObserver) -> BatchEnt
         return _earlier_result(pair) if run.resume and _is_done(pair) else _one(pair, run, observer)
     except Exception as error:
         trace(error)
-        return BatchEntry(pair.name, None, FAILED, _why_failed(error, pair), {})
+        unread = isinstance(error, UnreadableError) and not _work_of(pair).exists()
+        return BatchEntry(pair.name, None, UNREAD if unread else FAILED, _why_failed(error, pair), {})
 
 
 def _why_failed(error: Exception, pair: FilePair) -> str:
@@ -192,7 +195,7 @@ def _is_done(pair: FilePair) -> bool:
 
 
 def _work_of(pair: FilePair) -> Path:
-    return pair.output.with_name(pair.output.name + ".work")
+    return work_folder(pair.output)
 
 
 def _earlier_result(pair: FilePair) -> BatchEntry:

@@ -18,7 +18,7 @@ from guise.app.deidentify.options import DeidentifyError
 from guise.app.deidentify.run import remote
 from guise.app.media.file_kind import has_image_name, is_picture, kind_of
 from guise.app.media.images import can_write
-from guise.common.files import natural_key
+from guise.common.files import fitting_name, natural_key
 
 OUTPUT_MARK = "_deidentified"
 OWN_SUFFIXES = (".report.json", ".report.html", ".tracks.json", ".tracks.jpg", ".part", ".work")
@@ -103,7 +103,7 @@ def make_plan(
     found = list({_identity(one.place): one for one in reversed(found)}.values())[::-1]
     target = _OutputTarget(output, single=len(found) == 1 and _is_file(inputs, found[0]))
     plan.pairs += _apart([_OutputNamer(one, target, work, suffix_for) for one in found])
-    plan.notes += [note for pair in plan.pairs for note in _renamed(pair)]
+    plan.notes += [note for pair in plan.pairs for note in _renamed(pair, chosen=bool(target.file))]
     _require_apart(plan.pairs)
     return plan
 
@@ -117,7 +117,7 @@ def require_possible(pairs: Sequence[FilePair], *, force: bool, resume: bool) ->
             f"{there[0].shown_output} exists{more}: use --force to replace it, --resume to do only the rest, "
             "or -o to write elsewhere"
         )
-    reports = [pair.output.with_suffix(".report.json") for pair in pairs]
+    reports = [pair.output.with_name(fitting_name(pair.output.stem, ".report.json")) for pair in pairs]
     if not (force or resume) and (report := next(filter(Path.exists, reports), None)):
         raise InputError(
             f"{short(report)} exists without its output: use --force to replace it, or -o to write elsewhere"
@@ -320,7 +320,7 @@ class _OutputNamer:
     def _output(self, whole: bool) -> str:
         folder = self._input.is_dir()
         stem = self._input.name if whole or folder else self._input.stem
-        name = stem + OUTPUT_MARK + ("" if folder else self._suffix)
+        name = fitting_name(stem, OUTPUT_MARK + ("" if folder else self._suffix))
         if self._target.folder:
             return remote.join(self._target.folder, str(self._below / name))
         return (
@@ -350,10 +350,10 @@ def _copy_of(url: str, work: Path) -> Path:
     )
 
 
-def _renamed(pair: FilePair) -> list[str]:
-    """A note when an output has another format than its input."""
+def _renamed(pair: FilePair, *, chosen: bool) -> list[str]:
+    """A note when an output has another format than its input, and the user did not choose it."""
     old, new = pair.input.suffix.lower(), pair.output.suffix.lower()
-    if pair.input.is_dir() or old == new:
+    if pair.input.is_dir() or old == new or chosen:
         return []
     return [
         f"{pair.name}: written as {new}" + ("" if old == "" else f", because {old} can't hold the result")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -26,6 +27,7 @@ from guise.app.deidentify.tracks import FileReport
 from guise.app.media import Frame, MediaError, open_input, open_sink
 from guise.app.media.segments import scan
 from guise.app.media.sink import check_free
+from guise.common.files import fitting_name
 from guise.common.progress import Progress, Say
 from guise.common.threads import one_thread
 from guise.common.version import VERSION
@@ -78,6 +80,7 @@ def deidentify_file(
         say(f"{input.name}: the actions are taken from {edited.name}")
     stages.plan(edited if edited.exists() or tracks else None)
     stages.render()
+    _require_unchanged(stages.case)
     publish(stages.case, output, force=force)
     report = report_of(stages.case, names or (input.name, output.name), output, time.perf_counter() - start)
     write_reports(stages.case, report, output)
@@ -101,11 +104,24 @@ def fingerprint(path: Path) -> str:
     return digest.hexdigest()
 
 
+def _require_unchanged(case: Case) -> None:
+    """Raise DeidentifyError when the input is not the one that the run began with."""
+    if fingerprint(case.input) != case.manifest["fingerprint"]:
+        raise DeidentifyError(
+            f"{case.input} was changed or replaced while it was being de-identified: start over with --force"
+        )
+
+
+def work_folder(output: Path) -> Path:
+    """Where a run keeps its results until the output is complete, beside it."""
+    return output.with_name(fitting_name(output.name, ".work"))
+
+
 def _opened(
     input: Path, output: Path, options: DeidentifyOptions, *, resume: bool, force: bool
 ) -> WorkFolder:
     """The work folder, with the manifest of this very run in it."""
-    work = WorkFolder(output.with_name(output.name + ".work"))
+    work = WorkFolder(work_folder(output))
     if not (resume and work.has("published.json")):
         _require_possible(input, output, options, force)
     manifest = {
@@ -142,7 +158,9 @@ def _require_possible(input: Path, output: Path, options: DeidentifyOptions, for
     """Raise what reading the input or writing the output would raise, before any work is done."""
     with open_input(input) as media:
         check_free(output, media, force)
-        probe = output.with_name(f"probe-{output.name}")
+        probe = output.with_name(
+            f"probe-{hashlib.sha256(os.fsencode(output.name)).hexdigest()[:8]}{output.suffix}"
+        )
         try:
             open_sink(probe, media, options.encode, force=True, private=not options.keep_metadata).abort()
         except MediaError as error:

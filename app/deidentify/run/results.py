@@ -25,11 +25,12 @@ from guise.app.swapping.policy import (
     LEFT,
     SWAPPED,
 )
+from guise.common.files import fitting_name
 
 
 def beside(output: Path, suffix: str) -> Path:
     """A file beside the output under its name: NAME.report.json and the like."""
-    return output.with_name(output.stem + suffix)
+    return output.with_name(fitting_name(output.stem, suffix))
 
 
 def report_of(case: Case, names: tuple[str, str], output: Path, seconds: float) -> FileReport:
