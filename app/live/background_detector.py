@@ -182,7 +182,4 @@ def downscaled(frame: Frame) -> U8:
     width = round(frame.width * height / frame.height)
     if frame.height <= height:
         return frame.rgb()
-    if frame.video_frame is None or not frame.orientation.is_identity:
-        return np.asarray(cv2.resize(frame.rgb(), (width, height), interpolation=cv2.INTER_AREA), np.uint8)
-    scaled = frame.video_frame.reformat(width, height, "rgb24", interpolation="AREA")
-    return np.asarray(scaled.to_ndarray(), np.uint8)
+    return frame.scaled_rgb(width, height)

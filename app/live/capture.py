@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from guise.app.media import Frame, MediaError, open_input
+from guise.app.media.deep_frame import frame_of
 from guise.app.media.network import Picture
 from guise.common.arrays import U8
 from guise.common.closing import Closing
@@ -142,7 +143,7 @@ class ReconnectingCapture(Capture, Generic[Source]):
                 continue
             for picture in self._pictures(self._source):
                 last = max(round((time.perf_counter() - start) / CAMERA_TIME_BASE), last + 1)
-                yield Frame(picture, pts=last, time_base=CAMERA_TIME_BASE, index=index)
+                yield frame_of(picture, pts=last, time_base=CAMERA_TIME_BASE, index=index)
                 index += 1
                 if self._stopped.is_set():
                     return

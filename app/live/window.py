@@ -18,9 +18,11 @@ import numpy as np
 from guise.app.live.controls import Controls
 from guise.app.live.output import Output, OutputFrame
 from guise.app.live.overlay import Overlay, mirrored
-from guise.app.media import Frame
+from guise.app.media import ColourMatrix, Frame
+from guise.app.media.colour import gbr_matrix
 from guise.app.media.frame import plane_arrays
 from guise.app.media.orientation import AS_STORED, Orientation
+from guise.app.media.pixel_formats import SHALLOW_FORMATS
 from guise.common.arrays import U8
 from guise.common.errors import OutputError
 from guise.render import RendererError
@@ -185,10 +187,10 @@ class FrameTexture:
     def load(self, frame: Frame) -> None:
         """Upload a frame's planes, its colour matrix and its orientation."""
         self.size = frame.width, frame.height
-        planes, orientation = _planes(frame)
+        planes, colour, orientation = _planes(frame)
         for number, plane in enumerate(planes):
             self._load(number, plane)
-        to_rgb = frame.colour.to_rgb / np.array([1, 1, 1, 255], np.float32)
+        to_rgb = colour.to_rgb / np.array([1, 1, 1, 255], np.float32)
         self._program["to_rgb"].write(to_rgb.T.tobytes())
         self._program["transposed"] = orientation.transpose
         self._program["flipped"] = (orientation.flip_x, orientation.flip_y)
@@ -223,12 +225,13 @@ def fitted(size: tuple[int, int], room: tuple[int, int, int, int]) -> tuple[int,
     return left + (wide - w) // 2, top + (high - h) // 2, w, h
 
 
-def _planes(frame: Frame) -> tuple[list[U8], Orientation]:
-    """Three planes of components as stored, and the orientation for display."""
-    if frame.video_frame is None:
+def _planes(frame: Frame) -> tuple[list[U8], ColourMatrix, Orientation]:
+    """Three planes of components as stored, what takes them to RGB, and the orientation for display."""
+    if frame.video_frame is None or frame.video_frame.format.name not in SHALLOW_FORMATS:
         red, green, blue = (np.asarray(part, np.uint8) for part in cv2.split(frame.rgb()))
-        return [green, blue, red], AS_STORED
-    return [*plane_arrays(frame.video_frame), NO_CHROMA, NO_CHROMA][:3], frame.orientation
+        return [green, blue, red], gbr_matrix(), AS_STORED
+    planes = [*plane_arrays(frame.video_frame), NO_CHROMA, NO_CHROMA][:3]
+    return planes, frame.colour, frame.orientation
 
 
 def _fitting(glfw: Any, width: int, height: int) -> tuple[int, int]:

@@ -7,14 +7,19 @@ import os
 import platform
 from collections.abc import Iterator
 from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
 from pathlib import Path
 from typing import Literal
 
 import av
+import av.error
 from av import library_versions as versions
 from av.codec.codec import UnknownCodecError
+from av.video.codeccontext import VideoCodecContext
 
 from guise.app.media.errors import MediaError
+from guise.app.media.pixel_formats import has_alpha, least_loss
 
 _SUGGESTED = ("libx264", "libx265", "libsvtav1", "libvpx-vp9", "ffv1")
 _X26X = frozenset({"libx264", "libx264rgb", "libx265"})
@@ -28,13 +33,6 @@ _HARDWARE = frozenset({"nvenc", "qsv", "vaapi", "amf", "videotoolbox"})  # ends 
 # The rate control of x264 165 differs from run to run with AVX-512, and between machines by their instruction sets.
 _COMMON_INSTRUCTIONS = "asm=sse2fast,sse4.2"
 _DEFAULT_PRESET, _USUAL_CRF = "veryfast", 20
-# After the picture's own format, by how much chroma they keep.
-_FALLBACKS = {
-    (0, 0): ("yuv444p", "yuv422p", "yuv420p"),
-    (1, 0): ("yuv422p", "yuv444p", "yuv420p"),
-    (1, 1): ("yuv420p", "nv12", "yuv422p", "yuv444p"),
-}
-_DEEP_FALLBACKS = ("yuv422p10le", "yuv420p10le", "yuv444p10le")
 
 
 @dataclass(frozen=True)
@@ -166,23 +164,36 @@ def _lossless_settings(name: str) -> dict[str, str]:
     raise MediaError(f"Encoder {name!r} has no lossless mode: use libx264, libx265, libvpx-vp9 or ffv1.")
 
 
-def encoder_format(codec: av.Codec, name: str, chroma_shift: tuple[int, int]) -> str:
+def encoder_format(codec: av.Codec, name: str) -> str:
     """The encoder's pixel format for a native one: the same, or the one that loses the least."""
     supported = [fmt.name for fmt in codec.video_formats or ()]
+    supported = [fmt for fmt in supported if not has_alpha(fmt) or opens(codec.name, fmt)]
     if not supported or name in supported:
         return name
-    for candidate in (name.replace("yuvj", "yuv"), *_FALLBACKS[chroma_shift], *_DEEP_FALLBACKS):
-        if candidate in supported:
-            return candidate
-    raise MediaError(
-        f"Encoder {codec.name!r} takes no 8-bit YUV pictures: use one of {available_encoders()}."
-    )
+    if (nearest := least_loss(name, supported)) is None:
+        raise MediaError(f"Encoder {codec.name!r} takes no YUV pictures: use one of {available_encoders()}.")
+    return nearest
+
+
+@cache
+def opens(encoder: str, fmt: str) -> bool:
+    """Whether an encoder takes a pixel format of those that it lists; libx265 may be built without alpha."""
+    context = av.CodecContext.create(encoder, "w")
+    assert isinstance(context, VideoCodecContext)
+    context.width = context.height = 128
+    context.pix_fmt, context.time_base = fmt, Fraction(1, 30)
+    try:
+        with ordinary_priority():
+            context.open()
+    except (av.error.FFmpegError, ValueError, OSError):
+        return False
+    return True
 
 
 def encoded_size(encoder: str, fmt: str, width: int, height: int) -> tuple[int, int]:
     """The picture's size, extended to even numbers where encoder and chroma require it."""
     even_only = encoder in _EVEN_ONLY or encoder.rpartition("_")[2] in _HARDWARE
-    if not even_only or fmt in ("yuv444p", "yuvj444p", "gray"):
+    if not even_only or "444" in fmt or fmt.startswith("gray"):
         return width, height
     return width + width % 2, height + height % 2
 

@@ -22,12 +22,17 @@ from guise.app.media.encoder import (
     find_encoder,
 )
 from guise.app.media.errors import MediaError
-from guise.app.media.frame import NATIVE_FORMATS, Frame, clone_video_frame
+from guise.app.media.frame import Frame, clone_video_frame, is_transparent
 from guise.app.media.hardware import working_encoder
+from guise.app.media.hdr import dynamic_metadata, hdr_name, light_levels, merged
 from guise.app.media.input import MediaInput, VideoInput
 from guise.app.media.orientation import AS_STORED, Orientation
+from guise.app.media.pixel_formats import depth, has_alpha
 from guise.app.media.reader import is_full_range, reformat
+from guise.app.media.rendition import is_hdr
 
+_WITH_ALPHA = "use --encoder libvpx-vp9 with .webm, prores_ks with .mov or ffv1 with .mkv"
+_UNUSED_ALPHA = frozenset({"gif", "png", "apng", "webp"})  # have it also where all is opaque
 _CAPTIONING = frozenset({"libx264", "libx264rgb", "mpeg2video"})  # encoders that write captions by default
 
 
@@ -56,6 +61,8 @@ class PictureFormat:
         """The frame in this format: the decoder's own picture wherever possible."""
         video = frame.video_frame
         if video is None or frame.orientation != self.orientation or (video.width, video.height) != self.size:
+            return self._from_rgb(frame)
+        if is_hdr(video.color_trc) > is_hdr(self.transfer):
             return self._from_rgb(frame)
         if video.format.name == self.fmt and self.coded == self.size:
             return video
@@ -91,10 +98,10 @@ def picture_format_for(
     """The picture format for an input; with a `size` the pictures are taken as shown, without rotation."""
     if size is not None or not isinstance(media, VideoInput):
         width, height = size or (media.width, media.height)
-        fmt = encoder_format(codec, "yuv420p", (1, 1))
+        fmt = encoder_format(codec, "yuv420p")
         return PictureFormat((width, height), encoded_size(options.encoder, fmt, width, height), fmt)
     look = media.first_picture
-    fmt = encoder_format(codec, look.format.name, NATIVE_FORMATS[look.format.name])
+    fmt = encoder_format(codec, look.format.name)
     shape = (look.width, look.height)
     form = PictureFormat(
         shape, encoded_size(options.encoder, fmt, *shape), fmt, int(look.colorspace),
@@ -166,6 +173,7 @@ def encoding_for(
     settings = encoder_settings(options, threads)
     if not captions and codec.name in _CAPTIONING:
         settings = settings | {"a53cc": "0"}
+    settings = merged(settings, _light_settings(media, codec.name, size))
     interlaced = isinstance(media, VideoInput) and media.interlaced
     if interlaced and "x26" in codec.name:
         settings = {"flags": "+ildct+ilme", **settings}
@@ -189,6 +197,33 @@ def _note_changes(media: MediaInput, form: PictureFormat, encoder: str) -> None:
             f"The picture was extended from {form.size[0]} x {form.size[1]} to {form.coded[0]} x "
             f"{form.coded[1]}, as {encoder} needs even sizes."
         )
-    native = media.first_picture.format.name if isinstance(media, VideoInput) else form.fmt
-    if native.replace("yuvj", "yuv") != form.fmt.replace("yuvj", "yuv"):
+    if not isinstance(media, VideoInput) or form.fmt == media.first_picture.format.name:
+        return
+    native, deep = media.first_picture.format.name, depth(media.first_picture.format.name)
+    if deep > depth(form.fmt) and is_hdr(form.transfer):
+        media.problems.note(
+            f"HDR was reduced from {deep} to {depth(form.fmt)} bits, as {encoder} has no more here: use --encoder "
+            "libx265, libsvtav1 or libx264."
+        )
+    elif has_alpha(native) and not has_alpha(form.fmt):
+        if is_transparent(media.first_picture) or media.stream.codec_context.name not in _UNUSED_ALPHA:
+            media.problems.note(f"Transparency was left out, as {encoder} has none: {_WITH_ALPHA}.")
+    elif native.replace("yuvj", "yuv") != form.fmt.replace("yuvj", "yuv"):
         media.problems.note(f"Pictures were encoded as {form.fmt}, as {encoder} has no {native}.")
+
+
+def _light_settings(media: MediaInput, encoder: str, size: tuple[int, int] | None) -> dict[str, str]:
+    """Options that write what HDR pictures say of their light; what can't be written is noted."""
+    if size is not None or not isinstance(media, VideoInput):
+        return {}
+    look = media.first_picture
+    for name in dynamic_metadata(look):
+        base = hdr_name(look.color_trc) or "the base layer"
+        media.problems.note(f"{name} metadata was left out; the pictures are kept as {base}.")
+    levels = light_levels(look)
+    settings = levels.settings(encoder) if levels else {}
+    if settings is None:
+        media.problems.note(
+            f"The HDR metadata of display and light levels was left out, as {encoder} writes none."
+        )
+    return settings or {}

@@ -2,14 +2,15 @@
 
 Pixels, x right, y down, pixel centres at integers, display orientation (after the container's rotation).
 Components are 8-bit Y, U, V, or G, B, R for RGB pictures (`guise.app.media.colour`); chroma may be halved along
-either axis.  A frame is used by one thread at a time.
+either axis.  Alpha that a decoded picture has stays as it is.  Pictures with more bits are frames too, see
+`deep_frame.py`, where `frame_of` makes either.  A frame is used by one thread at a time.
 """
 
 from __future__ import annotations
 
 import math
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import av
 import cv2
@@ -20,26 +21,15 @@ from numpy.typing import ArrayLike, NDArray
 from guise.app.media import colour as tags
 from guise.app.media.colour import ColourMatrix, gbr_matrix, yuv_matrix
 from guise.app.media.orientation import AS_STORED, Orientation, Points
+from guise.app.media.pixel_formats import DEEP_FORMATS, NATIVE_FORMATS, depth
 from guise.common.sampling import remap_points
 
 if TYPE_CHECKING:
     from guise.app.media.images import DeepImage
 
-__all__ = ["NATIVE_FORMATS", "ColourMatrix", "Frame", "clone_video_frame", "from_planes", "plane_arrays"]
+__all__ = ["ColourMatrix", "Frame", "clone_video_frame", "from_planes", "plane_arrays"]
 
 Plane = NDArray[np.uint8]
-
-# Pixel formats whose planes are used as they are: log2 of the chroma step along x and y.
-NATIVE_FORMATS: dict[str, tuple[int, int]] = {
-    "yuv420p": (1, 1),
-    "yuv422p": (1, 0),
-    "yuv444p": (0, 0),
-    "yuvj420p": (1, 1),
-    "yuvj422p": (1, 0),
-    "yuvj444p": (0, 0),
-    "nv12": (1, 1),
-    "gray": (0, 0),
-}
 
 
 class Frame:
@@ -68,7 +58,7 @@ class Frame:
         if isinstance(picture, av.VideoFrame):
             stored, self.duration = (picture.width, picture.height), picture.duration or 0
             self._shift = NATIVE_FORMATS[picture.format.name]
-            self.colour = _matrix_of(picture)
+            self.colour = matrix_of(picture)
         else:
             stored, self.duration = (picture.shape[1], picture.shape[0]), 0
             self._shift, self.colour = (0, 0), _GBR
@@ -128,7 +118,7 @@ class Frame:
             assert self._video is not None
             # Before the first view, as a later copy would invalidate the views.
             self._video.make_writable()
-            self._planes = plane_arrays(self._video)
+            self._planes = plane_arrays(self._video)[:3]
         return self._planes
 
     def _shown_planes(self) -> list[Plane]:
@@ -209,10 +199,11 @@ class Frame:
         up = up.repeat(1 << self._shift[1], axis=0)
         return np.asarray(up[top : top + h, left : left + w], np.uint8)
 
-    def write_roi(self, x0: int, y0: int, yuv: Plane) -> None:
+    def write_roi(self, x0: int, y0: int, yuv: Plane, hidden: Plane | None = None) -> None:
         """Write a rectangle of components back in place.
 
-        yuv : (h, w, 3) uint8.  A chroma sample becomes the rounded mean of its pixels, so that what
+        yuv : (h, w, 3) uint8.   hidden : (h, w), not 0 where nothing of what was there may remain, not even bits of a
+        deeper picture that 8 bits don't show.  A chroma sample becomes the rounded mean of its pixels, so that what
         `read_roi` gave is written back bit-identical.  Best with a rectangle from `align_roi`: one that
         cuts a chroma cell is completed from the picture.
         """
@@ -265,6 +256,19 @@ class Frame:
             return self.rgb()
         return np.asarray(self._video.to_ndarray(format="rgb24"), np.uint8)
 
+    def scaled_rgb(self, width: int, height: int) -> Plane:
+        """As `quick_rgb`, at another size, by the means of the pixels."""
+        if not self._as_stored:
+            return np.asarray(cv2.resize(self.rgb(), (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+        assert self._video is not None
+        scaled = self._video.reformat(width, height, "rgb24", interpolation="AREA")
+        return np.asarray(scaled.to_ndarray(), np.uint8)
+
+    @property
+    def _as_stored(self) -> bool:
+        """Whether the decoder's picture is shown as it is stored."""
+        return self._video is not None and self.orientation.is_identity
+
     # -- points -------------------------------------------------------------------------------------------
 
     def sample_rgb(self, points: ArrayLike) -> NDArray[np.float32]:
@@ -311,7 +315,8 @@ class Frame:
         """An independent copy of the picture with the same time."""
         picture = clone_video_frame(self._video) if self._video is not None else self._rgb
         assert picture is not None
-        twin = Frame(
+        kind = Frame if self._video is None else type(self)
+        twin = kind(
             picture if isinstance(picture, av.VideoFrame) else picture.copy(), pts=self.pts, index=self.index,
             time_base=self.time_base, orientation=self.orientation, name=self.name, alpha=self.alpha,
         )  # fmt: skip
@@ -323,11 +328,11 @@ _GBR = gbr_matrix()
 _MATRICES: dict[tuple[int, int, bool], ColourMatrix] = {}
 
 
-def _matrix_of(video: av.VideoFrame) -> ColourMatrix:
+def matrix_of(video: av.VideoFrame) -> ColourMatrix:
     """The colour matrix of a decoded frame, made once per set of tags."""
     colour_range = video.color_range
     name = video.format.name
-    if name.startswith("yuvj") or (name == "gray" and colour_range != tags.LIMITED):
+    if name.startswith("yuvj") or (name.startswith("gray") and colour_range != tags.LIMITED):
         colour_range = tags.FULL
     key = (int(video.colorspace), int(colour_range), video.height >= 720)
     if key not in _MATRICES:
@@ -335,14 +340,24 @@ def _matrix_of(video: av.VideoFrame) -> ColourMatrix:
     return _MATRICES[key]
 
 
-def plane_arrays(video: av.VideoFrame) -> tuple[Plane, ...]:
-    """Views (h, w) uint8 of the component planes of a native 8-bit frame, as stored."""
+def plane_arrays(video: av.VideoFrame) -> tuple[NDArray[Any], ...]:
+    """Views (h, w) uint8, or uint16 of a deep format, of a native frame's planes as stored; alpha is the last."""
     planes = video.planes
     rows = [_plane_rows(plane) for plane in planes]
+    if video.format.name in DEEP_FORMATS:
+        return tuple(
+            row[:, : 2 * plane.width].view(np.uint16) for row, plane in zip(rows, planes, strict=True)
+        )
     if video.format.name == "nv12":
         width = planes[1].width
         return rows[0][:, : video.width], rows[1][:, : 2 * width : 2], rows[1][:, 1 : 2 * width : 2]
     return tuple([row[:, : plane.width] for row, plane in zip(rows, planes, strict=True)])
+
+
+def is_transparent(video: av.VideoFrame) -> bool:
+    """Whether any pixel of a native frame with alpha is not opaque."""
+    alpha = plane_arrays(video)[-1]
+    return bool(alpha.min() < (1 << depth(video.format.name)) - 1)
 
 
 def from_planes(data: Plane, width: int, height: int, fmt: str) -> av.VideoFrame:

@@ -16,6 +16,7 @@ import av
 
 from guise.app.media.clock import clock_of
 from guise.app.media.coded_quality import quantiser
+from guise.app.media.deep_frame import frame_of
 from guise.app.media.errors import MediaError, UnreadableError
 from guise.app.media.file_kind import kind_of
 from guise.app.media.frame import Frame
@@ -200,7 +201,7 @@ class VideoInput(MediaInput):
         """The pictures of a reader as frames, counted from 0."""
         for index, picture in enumerate(pictures):
             assert picture.pts is not None
-            yield Frame(
+            yield frame_of(
                 picture, pts=picture.pts, time_base=self.time_base, index=index, orientation=self.orientation
             )
         self.note_replaced()

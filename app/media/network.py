@@ -16,8 +16,8 @@ import av.error
 from av.video.stream import VideoStream
 
 from guise.app.media.errors import MediaError, reason
-from guise.app.media.frame import NATIVE_FORMATS
-from guise.app.media.reader import is_still, nearest_format, reformat
+from guise.app.media.pixel_formats import NATIVE_FORMATS, nearest_format
+from guise.app.media.reader import is_still, reformat
 from guise.common.closing import Closing
 
 if TYPE_CHECKING:

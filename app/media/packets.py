@@ -23,13 +23,15 @@ from av.packet import Packet
 from av.video.codeccontext import VideoCodecContext
 from numpy.typing import NDArray
 
+from guise.app.media.deep_frame import frame_of
 from guise.app.media.encoder import EncodeOptions, ordinary_priority
 from guise.app.media.encoding import Encoding, encoding_for
 from guise.app.media.errors import MediaError
-from guise.app.media.frame import NATIVE_FORMATS, Frame
+from guise.app.media.frame import Frame
 from guise.app.media.input import MediaInput, VideoInput
 from guise.app.media.orientation import Orientation
-from guise.app.media.reader import AnyPacket, nearest_format, reformat
+from guise.app.media.pixel_formats import NATIVE_FORMATS, nearest_format
+from guise.app.media.reader import AnyPacket, reformat
 from guise.app.media.sink import Sink, VideoOutput, as_media_error, check_free, later_time
 from guise.app.media.stream_copies import Audio
 
@@ -172,7 +174,7 @@ def read_packets(path: Path) -> Iterator[Frame]:
             assert picture.pts is not None
             entry = entries[picture.pts]
             picture.duration = entry.duration
-            yield Frame(
+            yield frame_of(
                 _native(picture), pts=entry.pts, time_base=piece.time_base, index=entry.index,
                 orientation=orientation,
             )  # fmt: skip

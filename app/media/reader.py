@@ -17,14 +17,16 @@ import av.error
 from av.codec.hwaccel import HWAccel
 from av.container import InputContainer
 from av.packet import Packet
+from av.video.codeccontext import VideoCodecContext
 from av.video.stream import VideoStream
 
 from guise.app.media import colour
 from guise.app.media.clock import STEADY, FileClock, Retimer
 from guise.app.media.coded_quality import TELL_QUANTISER
+from guise.app.media.encoder import find_codec
 from guise.app.media.errors import MediaError, reason
-from guise.app.media.frame import NATIVE_FORMATS
 from guise.app.media.letterbox import fitting_box, pasted
+from guise.app.media.pixel_formats import NATIVE_FORMATS, depth, nearest_format
 from guise.common.closing import Closing
 
 AnyPacket: TypeAlias = "Packet[av.stream.Stream]"
@@ -32,6 +34,7 @@ _TEXT_AS_VIDEO = frozenset(
     {"tty", "bin", "xbin", "adf", "idf"}
 )  # FFmpeg renders text as a terminal's pictures
 _NO_TIMESTAMPS = 0x80  # FFmpeg's AVFMT_NOTIMESTAMPS: a format's packets have no times
+_ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}
 _STATES_DURATION = frozenset({"mp4", "matroska", "avi", "flv"})  # containers whose header has it
 
 
@@ -105,6 +108,17 @@ def main_video(container: InputContainer, path: Path) -> VideoStream:
     raise MediaError(f"{path} holds no video stream: give a video file, an image or a folder of images.")
 
 
+def _alpha_decoder(stream: VideoStream) -> VideoCodecContext | None:
+    """A decoder for VP8 or VP9 with alpha, which FFmpeg's own leave out; None for other streams."""
+    name = _ALPHA_DECODERS.get(stream.codec_context.name)
+    if stream.metadata.get("alpha_mode") != "1" or name is None or find_codec(name, "r") is None:
+        return None
+    known, context = stream.codec_context, av.CodecContext.create(name, "r")
+    assert isinstance(context, VideoCodecContext)
+    context.color_primaries, context.color_trc = known.color_primaries, known.color_trc
+    return context
+
+
 def is_still(stream: VideoStream) -> bool:
     """Whether a video stream is a cover picture or a thumbnail."""
     still = av.stream.Disposition.attached_pic | av.stream.Disposition.timed_thumbnails
@@ -130,6 +144,7 @@ class VideoReader(Closing):
         self.on_packet: Callable[[AnyPacket], None] = lambda packet: None
         try:
             self.stream = main_video(self.container, path)
+            self.decoder = _alpha_decoder(self.stream) or self.stream.codec_context
         except BaseException:
             self.container.close()
             raise
@@ -150,11 +165,11 @@ class VideoReader(Closing):
 
     def use_one_thread(self) -> None:
         """Decode with one thread: slower, but with the same result each time, even from a damaged file."""
-        self.stream.codec_context.thread_count = 1
+        self.decoder.thread_count = 1
 
     def tell_quantiser(self) -> None:
         """Have the decoder tell how finely its pictures were coded, see `coded_quality.py`."""
-        self.stream.codec_context.options = {**self.stream.codec_context.options, **TELL_QUANTISER}
+        self.decoder.options = {**self.decoder.options, **TELL_QUANTISER}
 
     def only_others(self) -> None:
         """Read no packets of the video stream."""
@@ -253,7 +268,7 @@ class VideoReader(Closing):
         if packet.pts is not None and not packet.is_discard:
             self._recent.append(packet.pts)
         try:
-            pictures = self.stream.decode(packet)
+            pictures = self.decoder.decode(packet)
         except EOFError:
             return
         except av.error.FFmpegError as error:
@@ -326,7 +341,8 @@ class VideoReader(Closing):
         target = name if name in NATIVE_FORMATS else nearest_format(picture)
         self._shape = self._shape or (picture.width, picture.height, target)
         if target != name:
-            self.problems.note(f"Pictures were converted from {name} to 8-bit {self._shape[2]}.")
+            bits = depth(self._shape[2])
+            self.problems.note(f"Pictures were converted from {name} to {bits}-bit {self._shape[2]}.")
         stored = (picture.width, picture.height, name)
         if stored != self._stored:
             self._note_change(picture, stored)
@@ -375,19 +391,6 @@ def frame_rate(container: InputContainer, stream: VideoStream) -> Fraction | Non
     return Fraction(rate) if rate else None
 
 
-def nearest_format(picture: av.VideoFrame) -> str:
-    """The native 8-bit pixel format that keeps the most of a picture's own."""
-    fmt = picture.format
-    if fmt.is_rgb or fmt.has_palette:
-        return "yuv444p"
-    if len(fmt.components) < 3:
-        return "gray"
-    wide, tall = fmt.chroma_width(64), fmt.chroma_height(64)
-    if tall < 64:
-        return "yuv420p" if wide < 64 else "yuv444p"
-    return "yuv422p" if wide < 64 else "yuv444p"
-
-
 def reformat(picture: av.VideoFrame, width: int, height: int, fmt: str) -> av.VideoFrame:
     """Convert size and pixel format; matrix and range stay, RGB becomes limited-range YUV."""
     if picture.format.is_rgb or picture.format.has_palette:
@@ -398,6 +401,7 @@ def reformat(picture: av.VideoFrame, width: int, height: int, fmt: str) -> av.Vi
     span = colour.FULL if is_full_range(picture) else colour.LIMITED
     out = picture.reformat(width, height, fmt, src_color_range=span, dst_color_range=span)
     out.colorspace, out.color_range = picture.colorspace, picture.color_range
+    out.color_trc, out.color_primaries = picture.color_trc, picture.color_primaries
     return out
 
 

@@ -271,7 +271,7 @@ class _Attempt:
                 return
             expected = frame.index + 1
             held.append(frame)
-            if len(held) > reader.stream.codec_context.reorder_depth:
+            if len(held) > reader.decoder.reorder_depth:
                 yield held.popleft()
         self.gave_up = self._is_unreliable(reader)
         if not self.gave_up:

@@ -40,6 +40,7 @@ __all__ = ["EncodeOptions", "Sink", "open_sink"]
 
 _NO_TAGS: Mapping[str, str] = MappingProxyType({})
 _DEFAULTS = EncodeOptions()
+_APPLE = frozenset({"mp4", "mov", "ipod"})
 
 
 class Sink(WholeOutput):
@@ -142,6 +143,8 @@ class VideoOutput(Sink):
             ) from error
         assert isinstance(stream, VideoStream)
         encoding.configure(stream.codec_context)
+        if encoding.codec == "hevc" and self._output.format.name in _APPLE:
+            stream.codec_context.codec_tag = "hvc1"  # the kind that Apple's players take
         if encoding.picture_format.display_matrix:
             stream.set_display_matrix(encoding.picture_format.display_matrix)
         if isinstance(media, VideoInput):

@@ -55,14 +55,14 @@ def cover(
     softened = np.round(roi[rim] + alpha * (hidden[rim].astype(np.float32) - roi[rim]))
     cv2.copyTo(hidden, shape, roi)  # wherever it covers at all, as most of it is opaque
     roi[rim] = softened
-    frame.write_roi(x0, y0, roi)
+    frame.write_roi(x0, y0, roi, shape)
     return x0, y0, x0 + w, y0 + h
 
 
 def cover_all(frame: Frame, style: CoverStyle) -> None:
     """Cover the whole picture in place."""
     roi = frame.read_roi(0, 0, frame.width, frame.height)
-    frame.write_roi(0, 0, np.ascontiguousarray(_filling(frame, roi, style)))
+    frame.write_roi(0, 0, np.ascontiguousarray(_filling(frame, roi, style)), np.ones(roi.shape[:2], np.uint8))
 
 
 def _filling(frame: Frame, roi: U8, style: CoverStyle) -> U8:

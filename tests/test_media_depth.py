@@ -1,0 +1,417 @@
+"""Pictures of more than 8 bits, HDR and alpha: kept as they are beside what is drawn."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+from clips import cut
+from models import model_file
+
+from guise.aam.model import Identity
+from guise.app.drawing.look import SWAP
+from guise.app.media import EncodeOptions, Frame, open_input, open_sink
+from guise.app.media.colour import BT709, LIMITED, yuv_matrix
+from guise.app.media.deep_frame import DeepFrame, frame_of
+from guise.app.media.frame import plane_arrays
+from guise.app.media.hdr import light_levels
+from guise.app.media.orientation import Orientation
+from guise.app.media.packets import PacketSink, read_packets
+from guise.app.media.pixel_formats import DEEP_FORMATS, NATIVE_FORMATS, depth, least_loss, nearest_format
+from guise.app.media.rendition import HLG, PQ, WHITE_NITS, rendition_of
+from guise.app.swapping.cover import cover
+from guise.app.swapping.file import swap_file
+from guise.app.swapping.report import SwapSettings
+
+TICK = Fraction(1, 30)
+ORIENTATIONS = [Orientation(), Orientation(transpose=True, flip_x=True)]
+DISPLAY = "G(13250,34500)B(7500,3000)R(34000,16000)WP(15635,16450)L(10000000,50)"
+GRADED = f"log-level=none:master-display={DISPLAY}:max-cll=1000,400"
+
+
+def filled(
+    fmt: str, seed: int = 0, width: int = 37, height: int = 23, transfer: int = BT709
+) -> av.VideoFrame:
+    """Smooth colours that a camera can see, with noise in the last bits; alpha falls from left to right."""
+    rng, most = np.random.default_rng(seed), (1 << depth(fmt)) - 1
+    video = av.VideoFrame(width, height, fmt)
+    for number, plane in enumerate(plane_arrays(video)):
+        y, x = np.mgrid[: plane.shape[0], : plane.shape[1]]
+        middle, swing = ((0.5, 0.25) if number == 0 else (0.5, 0.03)) if number < 3 else (0.5, 0.0)
+        values = middle + swing * np.sin(x / 5 + number + seed) * np.cos(y / 7)
+        values += 0.4 * (1 - 2 * x / plane.shape[1]) if number == 3 else 0
+        plane[:] = np.clip(values * most + rng.normal(0, most / 300, plane.shape), 0, most)
+    video.color_trc, video.colorspace, video.color_primaries = transfer, 9, 9
+    video.color_range = LIMITED
+    return video
+
+
+def framed(video: av.VideoFrame, orientation: Orientation = ORIENTATIONS[0]) -> Frame:
+    return frame_of(video, pts=0, time_base=TICK, index=0, orientation=orientation)
+
+
+def stored(frame: Frame) -> list[np.ndarray]:
+    assert frame.video_frame is not None
+    return [plane.copy() for plane in plane_arrays(frame.video_frame)]
+
+
+@pytest.mark.parametrize("orientation", ORIENTATIONS, ids=str)
+@pytest.mark.parametrize("transfer", [BT709, PQ, HLG])
+@pytest.mark.parametrize("fmt", DEEP_FORMATS)
+def test_only_what_is_drawn_changes(fmt: str, transfer: int, orientation: Orientation) -> None:
+    frame = framed(filled(fmt, transfer=transfer), orientation)
+    assert isinstance(frame, DeepFrame)
+    before, whole = stored(frame), frame.read_roi(0, 0, frame.width, frame.height)
+    frame.write_roi(0, 0, whole)
+    frame.write_roi(2, 3, frame.read_roi(2, 3, 5, 4))  # cuts chroma cells
+    for old, new in zip(before, stored(frame), strict=True):
+        np.testing.assert_array_equal(old, new)
+    x, y, w, h = frame.align_roi(6, 5, 15, 13)
+    drawn = np.full((h, w, 3), (90, 120, 135), np.uint8)
+    drawn[..., 0] += np.arange(w, dtype=np.uint8)
+    frame.write_roi(x, y, drawn)
+    shown = frame.read_roi(0, 0, frame.width, frame.height)
+    colours = 1 if fmt.startswith("gray") else 3
+    gap = np.abs(shown[y : y + h, x : x + w].astype(int) - drawn)[..., :colours]
+    assert gap.max() <= (1 if transfer == BT709 or colours == 1 else 3)
+    inside = np.zeros(whole.shape[:2], bool)
+    inside[y : y + h, x : x + w] = True
+    np.testing.assert_array_equal(shown[~inside], whole[~inside])
+    np.testing.assert_array_equal(
+        frame.luma[~inside], framed(filled(fmt, transfer=transfer), orientation).luma[~inside]
+    )
+    if fmt.startswith("yuva"):
+        np.testing.assert_array_equal(before[3], stored(frame)[3])
+
+
+@pytest.mark.parametrize("transfer", [BT709, PQ, HLG])
+def test_a_small_change_of_one_pixel_leaves_its_neighbours_alone(transfer: int) -> None:
+    frame = framed(filled("yuv420p10le", transfer=transfer))
+    before, roi = stored(frame), frame.read_roi(8, 8, 8, 8)
+    roi[3, 2, 0] += 9
+    frame.write_roi(8, 8, roi)
+    changed = [np.argwhere(old != new).tolist() for old, new in zip(before, stored(frame), strict=True)]
+    assert changed[0] == [[11, 10]]
+    assert all(where in ([], [[5, 5]]) for where in changed[1:])
+
+
+@pytest.mark.parametrize("transfer", [BT709, PQ, HLG])
+def test_nothing_of_a_covered_face_remains_in_the_last_bits(transfer: int) -> None:
+    planes = []
+    for seed in (1, 2):
+        frame = framed(filled("yuv420p10le", seed, 64, 64, transfer))
+        cover(frame, np.array([10.0, 10.0, 54.0, 54.0]), "solid")
+        planes.append(
+            [
+                plane[20 // k : 44 // k, 20 // k : 44 // k]
+                for plane, k in zip(stored(frame), (1, 2, 2), strict=True)
+            ]
+        )
+    for first, second in zip(*planes, strict=True):
+        np.testing.assert_array_equal(first, second)
+        assert np.ptp(first) == 0
+
+
+def test_shown_like_the_same_picture_of_8_bits() -> None:
+    deep, video = framed(filled("yuv420p12le")), av.VideoFrame(37, 23, "yuv420p")
+    for shallow, plane in zip(plane_arrays(video), stored(deep), strict=True):
+        shallow[:] = (plane + 8) >> 4
+    video.colorspace, video.color_range = 9, LIMITED
+    plain = framed(video)
+    np.testing.assert_array_equal(deep.luma, plain.luma)
+    np.testing.assert_array_equal(deep.rgb(), plain.rgb())
+    np.testing.assert_array_equal(deep.copy().read_roi(3, 4, 9, 7), plain.read_roi(3, 4, 9, 7))
+    points = np.random.default_rng(0).uniform(2, 20, (50, 2))
+    assert np.abs(deep.sample_rgb(points) - plain.sample_rgb(points)).max() < 1.5
+    assert np.abs(deep.quick_rgb().astype(int) - plain.quick_rgb()).mean() < 1.5
+    deep.show(np.full((5, 7, 3), 9, np.uint8))
+    assert deep.luma.shape == deep.copy().luma.shape == (5, 7)
+
+
+# -- HDR -----------------------------------------------------------------------------------------------
+
+
+def code_of(nits: np.ndarray, transfer: int) -> np.ndarray:
+    """R'G'B' in 0..1 of light, written anew from ITU-R BT.2100 for this test."""
+    if transfer == PQ:
+        power = (nits / 10_000) ** (1305 / 8192)
+        return np.asarray(((107 / 128 + 2413 / 128 * power) / (1 + 2392 / 128 * power)) ** (2523 / 32))
+    scene = 12 * (nits / 1000) ** (1 / 1.2)
+    low = np.sqrt(np.minimum(scene, 1)) / 2
+    return np.where(scene <= 1, low, 0.17883277 * np.log(np.maximum(scene, 1) - 0.28466892) + 0.55991073)
+
+
+@pytest.mark.parametrize("transfer", [PQ, HLG])
+def test_hdr_is_shown_as_sdr_would_show_it(transfer: int) -> None:
+    matrix = yuv_matrix(9, LIMITED, 1080)
+    look = rendition_of(matrix, transfer, 9)
+    nits = np.array([0, 1, 5, 20, 50, 100, WHITE_NITS, 400, 1000], np.float64)
+    grey = np.full((len(nits), 1, 3), 128, np.float32)
+    grey[:, 0, 0] = 16 + 219 * code_of(nits, transfer)
+    shown = (look.shown(grey)[:, 0, 0] - 16) / 219
+    np.testing.assert_allclose(shown[:6], (nits[:6] / WHITE_NITS) ** (1 / 2.2), atol=0.004)
+    assert (np.diff(shown) > 0.005).all()
+    assert 0.85 < shown[6] < 0.95
+    assert shown[-1] < 1
+    np.testing.assert_allclose(look.stored(look.shown(grey)), grey, atol=0.15)
+
+
+def test_wide_colours_are_shown_as_those_of_bt709() -> None:
+    rgb = np.array([[[0.5, 0.3, 0.2]], [[0.1, 0.4, 0.7]]])  # light in BT.709, of 100 nits
+    mixed = rgb @ np.array([[0.6274, 0.0691, 0.0164], [0.3293, 0.9195, 0.0880], [0.0433, 0.0114, 0.8956]])
+    matrix = yuv_matrix(9, LIMITED, 1080)
+    stored = cv2.transform((255 * code_of(100 * mixed, PQ)).astype(np.float32), matrix.from_rgb)
+    shown = cv2.transform(rendition_of(matrix, PQ, 9).shown(stored), matrix.to_rgb)
+    np.testing.assert_allclose(shown / 255, (100 / WHITE_NITS * rgb) ** (1 / 2.2), atol=0.01)
+    quick = rendition_of(matrix, PQ, 9).quick((255 * code_of(100 * mixed, PQ)).round().astype(np.uint8))
+    assert np.abs(quick / 255 - (100 / WHITE_NITS * rgb) ** (1 / 2.2)).max() < 0.06
+
+
+# -- files ---------------------------------------------------------------------------------------------
+
+
+def make(
+    path: Path, encoder: str, fmt: str, frames: int = 3, transfer: int = BT709, params: str = ""
+) -> Path:
+    with av.open(str(path), "w") as out:
+        option = {"libx265": "x265-params", "libsvtav1": "svtav1-params"}.get(encoder)
+        stream = out.add_stream(
+            encoder, 30, {option: params or "log-level=none"} if option == "x265-params" else {}
+        )
+        stream.width, stream.height, stream.pix_fmt = 64, 64, fmt
+        context = stream.codec_context
+        context.color_trc, context.colorspace, context.color_primaries, context.color_range = (
+            transfer,
+            9,
+            9,
+            LIMITED,
+        )
+        for number in range(frames):
+            out.mux(stream.encode(timed(filled(fmt, number, 64, 64, transfer), number)))
+        out.mux(stream.encode(None))
+    return path
+
+
+def timed(picture: av.VideoFrame, number: int) -> av.VideoFrame:
+    picture.pts, picture.time_base = number, TICK
+    return picture
+
+
+def drawn(source: Path, output: Path, options: EncodeOptions) -> list[str]:
+    """The problems of a run that paints a square."""
+    with open_input(source) as media, open_sink(output, media, options) as sink:
+        for frame in media:
+            painted(frame)
+            sink.write(frame)
+        return list(media.problems)
+
+
+def painted(frame: Frame) -> Frame:
+    roi = frame.read_roi(16, 16, 24, 24)
+    roi[4:-4, 4:-4, 0] = roi[4:-4, 4:-4, 0] // 2 + 60
+    frame.write_roi(16, 16, roi)
+    return frame
+
+
+def same_beside_the_square(source: Path, frames: list[Frame]) -> None:
+    with open_input(source) as media:
+        for old, new in itertools.zip_longest(media, frames):
+            assert old.video_frame.format.name == new.video_frame.format.name
+            for number, (a, b) in enumerate(zip(stored(old), stored(new), strict=True)):
+                square = tuple(slice(20 * side // 64, 36 * side // 64) for side in a.shape)
+                a[square] = b[square]
+                np.testing.assert_array_equal(a, b, err_msg=f"plane {number}")
+            assert not np.array_equal(stored(old)[0], stored(new)[0])
+
+
+def read(path: Path) -> list[Frame]:
+    with open_input(path) as media:
+        return [frame.copy() for frame in media]
+
+
+@pytest.mark.parametrize("encoder", ["libx264", "libx265", "ffv1"])
+@pytest.mark.parametrize("fmt", ["yuv420p10le", "yuv422p10le", "yuv444p10le"])
+def test_ten_bits_stay_ten_bits_and_exact_beside_what_is_drawn(
+    tmp_path: Path, fmt: str, encoder: str
+) -> None:
+    clip = make(tmp_path / "in.mkv", "ffv1", fmt)
+    problems = drawn(clip, tmp_path / "out.mkv", EncodeOptions(encoder, preset="ultrafast", lossless=True))
+    assert problems == []
+    same_beside_the_square(clip, read(tmp_path / "out.mkv"))
+
+
+@pytest.mark.parametrize("encoder", ["libx264", "libx265", "libsvtav1"])
+@pytest.mark.parametrize("transfer", [PQ, HLG])
+def test_hdr_keeps_its_bits_tags_and_light_levels(tmp_path: Path, transfer: int, encoder: str) -> None:
+    clip = make(tmp_path / "in.mp4", "libx265", "yuv420p10le", 3, transfer, GRADED)
+    exact = encoder != "libsvtav1"
+    options = EncodeOptions(encoder, preset="ultrafast" if exact else "veryfast", lossless=exact)
+    assert drawn(clip, tmp_path / "out.mp4", options) == []
+    frames = read(tmp_path / "out.mp4")
+    if exact:
+        same_beside_the_square(clip, frames)
+    with open_input(clip) as before, open_input(tmp_path / "out.mp4") as after:
+        old, new = before.first_picture, after.first_picture
+        assert (new.format.name, new.color_trc, new.colorspace, new.color_primaries) == (
+            "yuv420p10le",
+            transfer,
+            9,
+            9,
+        )
+        first, second = light_levels(old), light_levels(new)
+        assert first is not None
+        assert second is not None
+        assert first.content == second.content == (1000, 400)
+        np.testing.assert_allclose(first.display, second.display, rtol=0.02, atol=1e-4)
+        assert (
+            after.stream.codec_context.codec_tag
+            == {"libx264": "avc1", "libx265": "hvc1", "libsvtav1": "av01"}[encoder]
+        )
+
+
+@pytest.mark.parametrize(
+    ("encoder", "suffix", "fmt"),
+    [("libvpx-vp9", ".webm", "yuv420p"), ("mpeg4", ".mp4", "yuv420p"), ("ffv1", ".mkv", "yuv420p10le")],
+)
+def test_what_an_encoder_cannot_keep_of_hdr_is_said_with_that_word(
+    tmp_path: Path, encoder: str, suffix: str, fmt: str
+) -> None:
+    clip = make(tmp_path / "in.mp4", "libx265", "yuv420p10le", 2, PQ, GRADED)
+    problems = drawn(clip, tmp_path / f"out{suffix}", EncodeOptions(encoder))
+    assert all("HDR" in problem for problem in problems)
+    assert len(problems) == (1 if fmt.endswith("10le") else 2)
+    assert read(tmp_path / f"out{suffix}")[0].video_frame.format.name == fmt
+
+
+def test_pieces_keep_ten_bits(tmp_path: Path) -> None:
+    clip = make(tmp_path / "in.mp4", "libx265", "yuv420p10le", 3, PQ, GRADED)
+    with open_input(clip) as media:
+        with PacketSink(
+            tmp_path / "piece", media, EncodeOptions("libx265", preset="ultrafast", lossless=True)
+        ) as sink:
+            for frame in media:
+                sink.write(painted(frame))
+        same_beside_the_square(clip, list(read_packets(tmp_path / "piece")))
+
+
+@pytest.mark.parametrize(
+    ("made_by", "fmt", "encoder", "suffix", "exact"),
+    [
+        ("libvpx-vp9", "yuva420p", "libvpx-vp9", ".webm", True),
+        ("libvpx-vp9", "yuva420p", "ffv1", ".mkv", True),
+        ("ffv1", "yuva444p10le", "ffv1", ".mkv", True),
+        ("prores_ks", "yuva444p10le", "prores_ks", ".mov", False),
+        ("libvpx-vp9", "yuva420p", "prores_ks", ".mov", False),
+        ("qtrle", "argb", "ffv1", ".mkv", False),
+    ],
+)
+def test_alpha_is_kept_where_the_target_holds_it(
+    tmp_path: Path, made_by: str, fmt: str, encoder: str, suffix: str, exact: bool
+) -> None:
+    ends = {"libvpx-vp9": ".webm", "ffv1": ".mkv"}
+    clip = make_alpha(tmp_path / f"in{ends.get(made_by, '.mov')}", made_by, fmt)
+    problems = drawn(clip, tmp_path / f"out{suffix}", EncodeOptions(encoder, lossless=exact))
+    assert not [problem for problem in problems if "ransparency" in problem]
+    if exact:
+        same_beside_the_square(clip, read(tmp_path / f"out{suffix}"))
+    for old, new in zip(read(clip), read(tmp_path / f"out{suffix}"), strict=True):
+        shares = [stored(one)[3] / ((1 << depth(one.video_frame.format.name)) - 1) for one in (old, new)]
+        assert np.ptp(shares[0]) > 0.5
+        assert np.abs(shares[0] - shares[1]).max() < 0.02
+
+
+def make_alpha(path: Path, encoder: str, fmt: str) -> Path:
+    if fmt != "argb":
+        return make(path, encoder, fmt)
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream(encoder, 30)
+        stream.width, stream.height, stream.pix_fmt = 64, 64, fmt
+        for number in range(3):
+            picture = filled("yuva444p", number, 64, 64).reformat(format=fmt)
+            out.mux(stream.encode(timed(picture, number)))
+        out.mux(stream.encode(None))
+    return path
+
+
+def test_alpha_that_the_target_does_not_hold_is_one_note(tmp_path: Path) -> None:
+    clip = make(tmp_path / "in.webm", "libvpx-vp9", "yuva420p", 6)
+    for name, encoder in (("out.mp4", "libx264"), ("out.mkv", "libx265")):
+        (problem,) = drawn(clip, tmp_path / name, EncodeOptions(encoder, preset="ultrafast"))
+        assert problem.startswith(
+            f"Transparency was left out, as {encoder} has none: use --encoder libvpx-vp9"
+        )
+
+
+def test_formats_are_chosen_by_what_they_keep() -> None:
+    choices = ["yuv420p", "yuv422p", "yuv444p", "yuv420p10le", "yuv444p10le", "gray"]
+    wanted = {
+        "yuv420p12le": "yuv420p10le", "yuv422p10le": "yuv444p10le", "yuva420p": "yuv420p", "nv12": "yuv420p",
+        "gray": "gray", "gray12le": "yuv420p10le",
+    }  # fmt: skip
+    assert {name: least_loss(name, choices) for name in wanted} == wanted
+    assert least_loss("yuv420p", ["rgb24", "bgr0"]) is None
+    assert least_loss("yuva444p10le", ["yuv444p10le", "yuva420p"]) == "yuva420p"
+    found = {
+        name: nearest_format(av.VideoFrame(16, 16, name))
+        for name in ("p010le", "p210le", "rgb48le", "gbrp12le", "bgra", "ya8", "yuv410p")
+    }
+    assert found == {
+        "p010le": "yuv420p10le", "p210le": "yuv422p10le", "rgb48le": "yuv444p16le", "gbrp12le": "yuv444p12le",
+        "bgra": "yuva444p", "ya8": "yuva444p", "yuv410p": "yuv420p",
+    }  # fmt: skip
+    assert set(found.values()) <= set(NATIVE_FORMATS)
+
+
+# -- a face --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_face_is_drawn_into_hdr_as_into_the_same_video_in_sdr(tmp_path: Path) -> None:
+    clip = cut("p01", tmp_path / "sdr.mp4", 4)
+    with av.open(str(tmp_path / "hdr.mkv"), "w") as out, open_input(clip) as media:
+        stream = out.add_stream("ffv1", 30)
+        stream.width, stream.height, stream.pix_fmt = media.width, media.height, "yuv420p10le"
+        context = stream.codec_context
+        context.color_trc, context.colorspace, context.color_primaries, context.color_range = (
+            PQ,
+            9,
+            9,
+            LIMITED,
+        )
+        for frame in media:
+            out.mux(stream.encode(timed(graded(frame.rgb()), frame.index)))
+        out.mux(stream.encode(None))
+    p01, p06 = (Identity.load(model_file(name)) for name in ("p01", "p06"))
+    settings = SwapSettings(replace(SWAP, renderer="cpu"), EncodeOptions("ffv1"))
+    faces, pictures = [], []
+    for name, white in (("sdr.mp4", 1.0), ("hdr.mkv", WHITE)):
+        report = swap_file(tmp_path / name, p06, tmp_path / f"{name}.mkv", source=p01, settings=settings)
+        assert report.swapped == 4
+        before, after = read(tmp_path / name)[-1].rgb(), read(tmp_path / f"{name}.mkv")[-1].rgb()
+        faces.append((before != after).any(2))
+        pictures.append(after / white)
+    both = faces[0] & faces[1]
+    assert both.sum() > 0.8 * (faces[0] | faces[1]).sum()
+    gap = pictures[1][both] - pictures[0][both]
+    assert np.abs(gap.mean(0)).max() < 4
+    assert np.abs(gap).mean() < 6
+
+
+WHITE = (100 / WHITE_NITS) ** (1 / 2.2)  # of SDR, where a display of 100 nits has it, as it is shown
+
+
+def graded(rgb: np.ndarray) -> av.VideoFrame:
+    """A picture of SDR (h, w, 3) as HDR shows it: PQ in 10 bits with the primaries of BT.2020."""
+    mix = np.array([[0.6274, 0.0691, 0.0164], [0.3293, 0.9195, 0.0880], [0.0433, 0.0114, 0.8956]])
+    code = (255 * code_of(100 * (rgb / 255) ** 2.2 @ mix, PQ)).astype(np.float32)
+    video = av.VideoFrame(rgb.shape[1], rgb.shape[0], "yuv420p10le")
+    parts = cv2.split(cv2.transform(code, yuv_matrix(9, LIMITED, 1080).from_rgb))
+    for plane, part in zip(plane_arrays(video), parts, strict=True):
+        plane[:] = np.rint(4 * cv2.resize(part, plane.shape[::-1], interpolation=cv2.INTER_AREA))
+    return video
