@@ -38,7 +38,7 @@ class SkinToneLimits:
     stretch: tuple[float, float] = (0.9, 1.5)  # of differences from the skin, by which they become as dark
     alike: float = 0.11  # logarithm of brightness over brightness, up to which tones are alike
     easing: float = 3.3  # of tints, for each logarithm beyond
-    tint_face_widths: float = 0.15  # standard deviation of the means that tints differ from
+    around_face_widths: float = 0.15  # standard deviation of the means that hair is darker than
     lip_growth_face_widths: float = 0.01
     spread_face_widths: float = 0.01  # over which a change fades
     as_strong: float = 0.75  # ratio of how strongly two tones are coloured, below which tints are eased, too
@@ -100,7 +100,7 @@ def hair_in_light_of(texture: F32, other: F32, reference: ReferenceFrame) -> F32
     luma = seen @ LUMA
     hair *= (luma / (hair @ LUMA))[..., None]
     around = (
-        local_mean(texture, skin.astype(np.float32), LIMITS.tint_face_widths * reference.resolution) @ LUMA
+        local_mean(texture, skin.astype(np.float32), LIMITS.around_face_widths * reference.resolution) @ LUMA
     )
     share = ramps(1 - luma / around, *LIMITS.hair_darkness)
     share = share * (1 - soft_parts(reference, (LIPS,), LIMITS.lip_growth_face_widths))
@@ -153,24 +153,24 @@ def _chroma(tone: F32) -> float:
 
 
 def _eased(texture: F32, share: F32, skin: Bool, reference: ReferenceFrame) -> F32:
-    """A texture (h, w, 3), over black, that keeps a share (h, w) of its tints against the skin around.
+    """A texture (h, w, 3), over black, that keeps a share (h, w) of its tints against its tone.
 
     Eyeballs and the inside of the mouth stay.
 
     skin : (h, w), where tints are measured.
     """
     seen = _over_black(texture)
-    local = local_mean(texture, skin.astype(np.float32), LIMITS.tint_face_widths * reference.resolution)
+    tone = np.exp(np.log(seen[skin]).mean(0))
     surface = (soft_parts(reference, (RIGHT_EYE, LEFT_EYE, INNER_LIPS), 0.0) < 0.5).astype(np.float32)
     weight = cv2.GaussianBlur(surface, (0, 0), LIMITS.spread_face_widths * reference.resolution)[..., None]
-    return np.asarray(seen + weight * (_with_tints(seen, local, share) - seen), np.float32)
+    return np.asarray(seen + weight * (_with_tints(seen, tone, share) - seen), np.float32)
 
 
-def _with_tints(seen: F32, local: F32, share: F32) -> F32:
-    """A texture (h, w, 3), over black, with a share (h, w) of its tints against its local means, and its brightness."""
+def _with_tints(seen: F32, tone: F32, share: F32) -> F32:
+    """A texture (h, w, 3), over black, with a share (h, w) of its tints against a tone (3,), and its brightness."""
     luma = (seen @ LUMA)[..., None]
-    tints = np.log(seen / local * ((local @ LUMA)[..., None] / luma))
-    eased = local * np.exp(share[..., None] * tints)
+    tints = np.log(seen / tone * ((tone @ LUMA) / luma))
+    eased = tone * np.exp(share[..., None] * tints)
     return np.asarray(eased * (luma / (eased @ LUMA)[..., None]), np.float32)
 
 
