@@ -17,6 +17,7 @@ _CODECS = {
     ".wmv": ("wmv2", "wmav2"), ".avi": ("mpeg4", "mp2"),
 }  # fmt: skip
 Move = Callable[[Fraction], Fraction]
+Adding = tuple[av.stream.Stream, bytes | None]
 
 
 def stay(time: Fraction) -> Fraction:
@@ -38,6 +39,7 @@ def record(
         packets = _pictures(out, codec, [pictures(start + i * STEP) for i in range(frames)])
         if sound is not None:
             audio = out.add_stream(other, SAMPLES, layout="stereo")
+            audio.bit_rate = 128_000
             audio.codec_context.open()
             size = audio.codec_context.frame_size or 1024
             blocks = range(int(frames * STEP * SAMPLES / size))
@@ -65,7 +67,8 @@ def _pictures(out: av.container.OutputContainer, codec: str, times: list[Fractio
 def _sound(stream: av.AudioStream, times: list[Fraction], size: int) -> list[av.Packet]:
     packets = []
     for index, time in enumerate(times):
-        noise = np.random.default_rng(index).normal(0, 0.1, (2, size)).astype(np.float32)
+        noise = np.random.default_rng(index).normal(0, 0.1, (2, size // 16 + 1)).astype(np.float32)
+        noise = np.repeat(noise, 16, axis=1)[:, :size].copy()
         frame = av.AudioFrame.from_ndarray(noise, "fltp", "stereo")
         frame.sample_rate, frame.pts, frame.time_base = SAMPLES, round(time * SAMPLES), Fraction(1, SAMPLES)
         packets += stream.encode(frame)
@@ -91,3 +94,25 @@ def times(path: Path) -> tuple[list[Fraction], list[Fraction]]:
 def steps(found: list[Fraction]) -> list[float]:
     """From one time to the next, seconds."""
     return [float(b - a) for a, b in pairwise(found)]
+
+
+def with_streams(path: Path, source: Path, *add: Callable[[av.container.OutputContainer], Adding]) -> Path:
+    """A copy of a file with more streams, each with ten packets over its first second, or none for None.
+
+    add : adds a stream to the output; returns it and the packets' content.
+    """
+    with av.open(str(source)) as media, av.open(str(path), "w") as out:
+        copies = {s.index: out.add_stream_from_template(s, opaque=True) for s in media.streams}
+        added = [function(out) for function in add]
+        out.start_encoding()
+        for stream, content in added:
+            for number in range(0 if content is None else 10):
+                packet = av.Packet(content)
+                packet.pts = packet.dts = 100 * number
+                packet.duration, packet.time_base, packet.stream = 100, Fraction(1, 1000), stream
+                out.mux(packet)
+        for packet in media.demux():
+            if packet.size:
+                packet.stream = copies[packet.stream_index]
+                out.mux(packet)
+    return path

@@ -13,7 +13,7 @@ from test_media import FAST, SHARED, STEADY, make_clip
 from test_media_packets import put_together
 
 from guise.app.media import open_input
-from guise.app.media.audio_mask import FREQUENCY_FACTOR
+from guise.app.media.new_audio import FREQUENCY_FACTOR
 from guise.app.media.packets import PacketSink, assemble
 
 Sound = NDArray[np.float64]

@@ -7,7 +7,6 @@ import signal
 import threading
 import time
 from collections.abc import Callable
-from fractions import Fraction
 from pathlib import Path
 
 import av
@@ -174,23 +173,6 @@ def test_encoder_settings(tmp_path: Path, clip: Path, options: dict[str, object]
         expect(match, attempt, tmp_path)
     else:
         attempt()
-
-
-def test_a_subtitle_that_the_container_cannot_hold_is_named_first(tmp_path: Path, clip: Path) -> None:
-    rich = tmp_path / "rich.mkv"
-    with av.open(str(clip)) as source, av.open(str(rich), "w") as out:
-        video = out.add_stream_from_template(source.streams.video[0], opaque=True)
-        text = out.add_mux_stream("subrip")
-        for packet in source.demux(video=0):
-            if packet.dts is not None:
-                packet.stream = video
-                out.mux(packet)
-        words = av.Packet(b"hello")
-        words.pts = words.dts = 100
-        words.duration, words.time_base, words.stream = 100, Fraction(1, 1000), text
-        out.mux(words)
-    refusal = r"Subtitle stream 1 \(.*\) cannot be stored in mp4: write to .mkv"
-    expect(refusal, lambda: convert(rich, tmp_path / "out.mp4"), tmp_path)
 
 
 def test_rotation_that_the_container_cannot_hold(tmp_path: Path) -> None:

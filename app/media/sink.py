@@ -32,6 +32,7 @@ from guise.app.media.stream_copies import (
     fresh_metadata,
     keeps_times,
     muxer_options,
+    timecode_of,
 )
 from guise.common.errors import OutputError
 from guise.common.files import WholeOutput
@@ -116,8 +117,10 @@ class VideoOutput(Sink):
             )  # fmt: skip
             self._output.metadata.update(metadata)
             self._stream = self._add_video(media)
+            code = "" if private else timecode_of(media, format_name)
+            self._stream.metadata.update({"timecode": code} if code else {})
             if isinstance(media, VideoInput):
-                self._copies = StreamCopier(self._output, media, private=private, audio=audio)
+                self._copies = StreamCopier(self._output, media, private=private, audio=audio, timecode=code)
                 if not private:
                     self._output.set_chapters(media.container.chapters())
             self._start()

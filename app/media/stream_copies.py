@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import re
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -15,16 +16,26 @@ from av.audio.stream import AudioStream
 from av.container import OutputContainer
 from av.stream import Stream
 
-from guise.app.media.audio_mask import MaskedAudio, named_layout
 from guise.app.media.errors import MediaError
-from guise.app.media.input import VideoInput
+from guise.app.media.input import MediaInput, VideoInput
+from guise.app.media.new_audio import NewAudio, Voice, named_layout, sound_encodings
 from guise.app.media.reader import AnyPacket, is_still, open_container
+from guise.app.media.trial import UNKNOWN, SoundEncoding, Trial, codec_name
 
 Audio = Literal["keep", "drop", "mask", "disguise"]
 
 # Written by a container or encoder about itself; wrong in a copy.
 _STALE = frozenset(
-    {"major_brand", "minor_version", "compatible_brands", "encoder", "duration", "vendor_id", "rotate"}
+    {
+        "major_brand",
+        "minor_version",
+        "compatible_brands",
+        "encoder",
+        "duration",
+        "vendor_id",
+        "rotate",
+        "timecode",
+    }
 )
 _STALE_PREFIXES = ("_statistics", "number_of_", "bps")
 # Keys that MP4 and MOV store without `use_metadata_tags` (FFmpeg, movenc.c).
@@ -38,6 +49,8 @@ _MOV_KEYS = frozenset(
 # Containers that support variable frame rates and arbitrary other streams.
 _FULL_CONTAINERS = frozenset({"mp4", "mov", "ipod", "3gp", "3g2", "matroska", "webm", "mpegts", "flv", "nut"})
 _FALLBACKS = (".mp4", ".mkv")  # of a result that the input's own container does not hold
+_WIDEST = "matroska"  # the container that holds the most
+_CODE = re.compile(r"\d\d:[0-5]\d:[0-5]\d[:;.]\d\d")
 _ROTATING = frozenset({"mp4", "mov", "matroska", "ipod", "3gp", "3g2"})
 
 
@@ -78,65 +91,96 @@ def can_rotate(format_name: str) -> bool:
 class StreamCopier:
     """The copied streams of one output, to which `mux` writes the input's packets.
 
+    What the output cannot hold is known before work begins: sound is then encoded anew, and other streams are left
+    out, each with a note.
+
     private : whether everything but audio is left out, and its metadata except the language.
     audio : whether the audio is copied, left out, or re-encoded with the voices lowered (mask) or whispered (disguise).
+    timecode : that the output's pictures carry.
     """
 
     def __init__(
-        self, output: OutputContainer, media: VideoInput, *, private: bool, audio: Audio = "keep"
-    ) -> None:
-        self._output = output
+        self, output: OutputContainer, media: VideoInput, *, private: bool, audio: Audio = "keep",
+        timecode: str = "",
+    ) -> None:  # fmt: skip
+        self._output, self._private, self._timecode = output, private, timecode
         self._problems, self._joined = media.problems, bool(media.clock.jumps)
+        self._trial = Trial(output.format.name, media.frame_rate)
         self._streams: dict[int, Stream] = {}
-        self._masks: dict[int, MaskedAudio] = {}
+        self._anew: dict[int, NewAudio] = {}
+        self._encodings: list[SoundEncoding] = []
+        self._copied: list[Stream] = []
         self._last_dts: dict[int, int] = {}
+        left_out: dict[str, list[str]] = {}
         for stream in media.container.streams:
-            if stream.index != media.stream.index and (stream.type != "audio" or audio != "drop"):
-                self._add(stream, media, private, audio)
+            wanted = stream.index != media.stream.index and (stream.type != "audio" or audio != "drop")
+            if wanted and (reason := self._add(stream, media, audio)):
+                left_out.setdefault(reason, []).append(_title(stream))
+        for reason, titles in left_out.items():
+            was = "was" if len(titles) == 1 else "were"
+            self._problems.note(f"{', '.join(titles)} {was} left out: {reason}.")
 
-    def _add(self, stream: Stream, media: VideoInput, private: bool, audio: Audio) -> None:
-        reason = _why_dropped(stream, media, private)
-        if reason is None and audio in ("mask", "disguise") and isinstance(stream, AudioStream):
-            self._add_masked(stream, private, whisper=audio == "disguise")
-        elif reason is None:
-            reason = self._try_template(stream, private)
-        if reason:
-            self._problems.note(f"{_title(stream)} was left out: {reason}.")
+    def _add(self, stream: Stream, media: VideoInput, audio: Audio) -> str | None:
+        """Add the output's stream; returns why it has to be left out, or nothing where that needs no note."""
+        reason = _why_dropped(stream, media, self._private)
+        if reason is not None:
+            return reason
+        voice: Voice = "keep" if audio == "drop" or not isinstance(stream, AudioStream) else audio
+        copied = [*self._copied, stream]
+        if voice == "keep" and self._trial.keeps(stream) and self._trial.takes(copied, self._encodings):
+            self._add_copy(stream)
+            return None
+        if (
+            isinstance(stream, AudioStream)
+            and stream.codec_context is not None
+            and self._add_anew(stream, voice)
+        ):
+            return None
+        if self._timecode and stream.metadata.get("timecode") == self._timecode:
+            return None  # the pictures' metadata have it
+        if codec_name(stream) == UNKNOWN:
+            return "its format is unknown"
+        holder = ", .mkv can" if Trial(_WIDEST).keeps(stream) else ""
+        return f"{self._output.format.name} cannot hold it{holder}"
 
-    def _try_template(self, stream: Stream, private: bool) -> str | None:
-        """Add the output stream; returns why it had to be left out."""
-        try:
-            copy = self._output.add_stream_from_template(stream, opaque=True)
-        except (ValueError, av.error.FFmpegError) as error:
-            if stream.type in ("audio", "subtitle") and stream.codec_context is not None:
-                raise MediaError(_refusal(stream, self._output)) from error
-            return "the output container cannot hold it"
+    def _add_copy(self, stream: Stream) -> None:
+        self._copied.append(stream)
+        copy = self._output.add_stream_from_template(stream, opaque=True)
         if isinstance(copy, AudioStream) and copy.layout.name != named_layout(copy.layout.name):
             copy.codec_context.layout = named_layout(copy.layout.name)
         copy.disposition = stream.disposition
-        copy.metadata.update(_metadata(stream, private))
-        if private and stream.name == "vorbis":
+        copy.metadata.update(_metadata(stream, self._private))
+        if self._private and codec_name(stream) == "vorbis":
             copy.codec_context.extradata = without_vorbis_comments(stream.codec_context.extradata or b"")
         self._streams[stream.index] = copy
-        return None
 
-    def _add_masked(self, stream: AudioStream, private: bool, *, whisper: bool) -> None:
-        mask = MaskedAudio(stream, self._output, self._problems, whisper=whisper)
-        self._masks[stream.index] = mask
-        mask.stream.disposition = stream.disposition
-        mask.stream.metadata.update(_metadata(stream, private))
+    def _add_anew(self, stream: AudioStream, voice: Voice) -> bool:
+        """Add a stream that is encoded anew; whether there is an encoder that the output takes."""
+        known = sound_encodings(stream, own=self._trial.keeps(stream))
+        fitting = (e for e in known if self._trial.takes(self._copied, [*self._encodings, e]))
+        if (encoding := next(fitting, None)) is None:
+            return False
+        self._encodings.append(encoding)
+        anew = self._anew[stream.index] = NewAudio(encoding, self._output, self._problems, voice)
+        anew.stream.disposition = stream.disposition
+        anew.stream.metadata.update(_metadata(stream, self._private))
+        if voice == "keep":
+            self._problems.note(
+                f"{_title(stream)} was encoded anew as {encoding.name}, as {self._output.format.name} cannot hold it."
+            )
+        return True
 
     def finish(self) -> None:
-        """Write the rest of masked audio."""
-        for mask in self._masks.values():
-            for packet in mask.finish():
+        """Write the rest of the audio that is encoded anew."""
+        for anew in self._anew.values():
+            for packet in anew.finish():
                 self._output.mux_one(packet)
 
     def mux(self, packet: AnyPacket) -> None:
         """Write a packet of the input, its time stamps unchanged where the output allows them."""
-        if packet.stream_index in self._masks:
-            for masked in self._masks[packet.stream_index].feed(packet):
-                self._output.mux_one(masked)
+        if packet.stream_index in self._anew:
+            for encoded in self._anew[packet.stream_index].feed(packet):
+                self._output.mux_one(encoded)
             return
         target = self._streams.get(packet.stream_index)
         if target is None:
@@ -173,12 +217,20 @@ def _why_dropped(stream: Stream, media: VideoInput, private: bool) -> str | None
     if private and stream.type == "subtitle":
         return "it may name people or, as in drones' videos, places"
     if stream.type in ("audio", "subtitle"):
-        return "its codec is unknown" if stream.codec_context is None else None
+        return None
     if stream.name == "bin_data" and media.container.chapters():
         return ""  # the chapter titles of an MP4, which are copied as chapters
-    if private:
-        return "it may identify people"
-    return None
+    return "it may identify people" if private else None
+
+
+def timecode_of(media: MediaInput, format_name: str) -> str:
+    """The time code of the first picture, where a container keeps it, or ''."""
+    if not isinstance(media, VideoInput):
+        return ""
+    entries = [*media.stream.metadata.items(), *media.container.metadata.items()]
+    codes = (value for key, value in entries if key.lower() == "timecode" and _CODE.fullmatch(value))
+    trial = Trial(format_name, media.frame_rate)
+    return next((code for code in codes if trial.keeps_timecode(code)), "")
 
 
 def _metadata(stream: Stream, private: bool) -> dict[str, str]:
@@ -204,14 +256,7 @@ def without_vorbis_comments(headers: bytes) -> bytes:
 
 
 def _title(stream: Stream) -> str:
-    return f"{stream.type.capitalize()} stream {stream.index} ({stream.name or 'unknown'})"
-
-
-def _refusal(stream: Stream, output: OutputContainer) -> str:
-    holders = [suffix for suffix in (".mkv", ".mov", ".mp4") if can_hold(suffix, [stream])]
-    advice = f"write to {' or '.join(holders)}" if holders else "take the stream out of the input"
-    title = _title(stream)
-    return f"{title} cannot be stored in {output.format.name}: {advice}."
+    return f"{stream.type.capitalize()} stream {stream.index} ({codec_name(stream)})"
 
 
 def can_hold(suffix: str, copied: Sequence[Stream], encoder: str = "") -> bool:
@@ -220,11 +265,11 @@ def can_hold(suffix: str, copied: Sequence[Stream], encoder: str = "") -> bool:
         with av.open(f"probe{suffix}", "w") as container:  # opens no file until its header is written
             if encoder:
                 container.add_stream(encoder, 25)
-            for stream in copied:
-                container.add_stream_from_template(stream, opaque=True)
-            return keeps_times(container.format.name)
+            name = container.format.name
     except (ValueError, av.error.FFmpegError):
         return False
+    trial = Trial(name)
+    return keeps_times(name) and all(map(trial.keeps, copied)) and trial.takes(copied)
 
 
 def suffix_for(path: Path, encoder: str) -> str:

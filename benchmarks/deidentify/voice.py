@@ -36,7 +36,7 @@ from benchmarks.landmarks.clips import real_clips
 from benchmarks.landmarks.setting import skipped
 from guise.app.measure.attackers import Head
 from guise.app.measure.privacy import template
-from guise.app.media.audio_mask import FREQUENCY_FACTOR
+from guise.app.media.new_audio import FREQUENCY_FACTOR
 from guise.app.media.whisper import Whisper
 
 NAME, TITLE = "deidentify.voice", "De-identification: voices"

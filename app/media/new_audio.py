@@ -1,4 +1,4 @@
-"""Masked audio: a disguised voice that stays in sync with the picture.
+"""Audio that is encoded anew, in sync with the picture: as it is, or masked, with a disguised voice.
 
 Pitch and formants are lowered together, as by a tape that runs slower; then overlap-add restores the tempo
 (FFmpeg filters `asetrate`, `aresample`, `atempo`).  This deceives listeners; anyone who knows the factor can undo it.
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from fractions import Fraction
+from typing import Literal
 
 import av
 import av.error
@@ -20,14 +21,14 @@ from av.container import OutputContainer
 from av.filter import Graph
 
 from guise.app.media.encoder import find_codec
-from guise.app.media.errors import MediaError
 from guise.app.media.reader import AnyPacket, ProblemLog
+from guise.app.media.trial import SoundEncoding
 from guise.app.media.whisper import Whisper
 from guise.common.arrays import F32
 
 FREQUENCY_FACTOR = Fraction(4, 5)
 _UNNAMED_LAYOUTS = {"1 channels": "mono", "2 channels": "stereo"}
-_MIN_CHANNEL_BIT_RATE = 64_000
+_CHANNEL_BIT_RATES = 64_000, 160_000  # the least, and the most where sound changes its codec
 _FALLBACK_SAMPLE_RATE = 48_000  # Hz, which every fallback codec takes
 _MAX_GAP_SECONDS = 0.02  # between the input's time stamps; a longer gap is filled with silence
 
@@ -37,47 +38,27 @@ def named_layout(name: str) -> str:
     return _UNNAMED_LAYOUTS.get(name, name)
 
 
-class MaskedAudio:
-    """One audio stream of the input, re-encoded with the voices masked.
+Voice = Literal["keep", "mask", "disguise"]
 
-    whisper : make voices a whisper instead of lowering them.   stream : of the output.
+
+class NewAudio:
+    """One audio stream of the input, encoded anew.
+
+    voice : kept, lowered (mask) or made a whisper (disguise).   stream : of the output.
     """
 
     def __init__(
-        self, audio: AudioStream, output: OutputContainer, problems: ProblemLog, *, whisper: bool = False
+        self, encoding: SoundEncoding, output: OutputContainer, problems: ProblemLog, voice: Voice
     ) -> None:
-        self._problems = problems
-        self._layout = named_layout(audio.layout.name)
-        self.stream = self._add_stream(audio, output)
+        self._problems, self._voice = problems, voice
+        self._layout = encoding.layout
+        self.stream = encoding.add_to(output)
         self._rate = self.stream.rate
-        self._whisper = Whisper(self._rate, self.stream.channels) if whisper else None
+        self._whisper = Whisper(self._rate, self.stream.channels) if voice == "disguise" else None
         self._graph: Graph | None = None
         self._kind: tuple[object, ...] = ()
         self._next: int | None = None  # where the output ends, and where the input, samples from time zero
         self._end = 0
-
-    def _add_stream(self, audio: AudioStream, output: OutputContainer) -> AudioStream:
-        """A stream in the input's codec, or in one that the container takes."""
-        own = audio.codec_context.codec.canonical_name
-        bit_rate = max(audio.bit_rate or 0, _MIN_CHANNEL_BIT_RATE * audio.channels)
-        for name, rate in [
-            (own, audio.rate),
-            ("aac", audio.rate),
-            ("libopus", audio.rate),
-            ("libopus", _FALLBACK_SAMPLE_RATE),
-        ]:
-            if not _opens(name, rate, self._layout, bit_rate):
-                continue
-            try:
-                stream = output.add_stream(name, rate)
-            except ValueError:
-                continue
-            assert isinstance(stream, AudioStream)
-            stream.codec_context.layout, stream.codec_context.bit_rate = self._layout, bit_rate
-            return stream
-        raise MediaError(
-            f"Masked sound of {audio.channels} channels cannot be stored in {output.format.name}: use .mp4."
-        )
 
     def feed(self, packet: AnyPacket) -> Iterator[AnyPacket]:
         """Take a packet of the input; yields packets for the output."""
@@ -90,9 +71,9 @@ class MaskedAudio:
             return
         for frame in frames:
             assert isinstance(frame, AudioFrame)
-            yield from self._mask(frame)
+            yield from self._filtered(frame)
 
-    def _mask(self, frame: AudioFrame) -> Iterator[AnyPacket]:
+    def _filtered(self, frame: AudioFrame) -> Iterator[AnyPacket]:
         kind = (frame.format.name, frame.layout.name, frame.sample_rate, frame.time_base)
         if kind != self._kind:
             yield from self._drain()
@@ -106,26 +87,28 @@ class MaskedAudio:
         yield from self._pull()
 
     def _make_graph(self, frame: AudioFrame) -> Graph:
-        """Fill gaps; and, unless voices are whispered, play slower, restore the rate, then the tempo."""
-        low = self._rate if self._whisper else round(self._rate * FREQUENCY_FACTOR)
+        """Fill gaps; and, where voices are lowered, play slower, restore the rate, then the tempo."""
+        low = round(self._rate * FREQUENCY_FACTOR)
+        lowered = [
+            ("asetrate", str(low)),
+            ("aresample", str(self._rate)),
+            ("atempo", f"{self._rate / low:.15g}"),
+        ]
+        form = f"sample_fmts=fltp:sample_rates={self._rate}:channel_layouts={self._layout}"
         graph = Graph()
-        graph.link_nodes(
-            graph.add_abuffer(
-                sample_rate=frame.sample_rate,
-                format=frame.format,
-                layout=frame.layout,
-                time_base=frame.time_base,
-            ),
-            graph.add("aresample", f"{self._rate}:async=1:min_hard_comp={_MAX_GAP_SECONDS}"),
-            graph.add("aformat", f"sample_fmts=fltp:channel_layouts={self._layout}"),
-            graph.add("asetrate", str(low)),
-            graph.add("aresample", str(self._rate)),
-            graph.add("atempo", f"{self._rate / low:.15g}"),
-            graph.add(
-                "aformat", f"sample_fmts=fltp:sample_rates={self._rate}:channel_layouts={self._layout}"
-            ),
-            graph.add("abuffersink"),
-        ).configure()
+        source = graph.add_abuffer(
+            sample_rate=frame.sample_rate,
+            format=frame.format,
+            layout=frame.layout,
+            time_base=frame.time_base,
+        )
+        filters = [
+            ("aresample", f"{self._rate}:async=1:min_hard_comp={_MAX_GAP_SECONDS}"),
+            ("aformat", f"sample_fmts=fltp:channel_layouts={self._layout}"),
+            *(lowered if self._voice == "mask" else []),
+            ("aformat", form),
+        ]
+        graph.link_nodes(source, *(graph.add(*f) for f in filters), graph.add("abuffersink")).configure()
         return graph
 
     def _drain(self) -> Iterator[AnyPacket]:
@@ -168,13 +151,31 @@ class MaskedAudio:
             yield from self.stream.encode(None)
 
 
-def _opens(name: str, rate: int, layout: str, bit_rate: int) -> bool:
+def sound_encodings(audio: AudioStream, *, own: bool) -> Iterator[SoundEncoding]:
+    """Encodings for a stream that work here, the best first: in its own codec if it may be that, then common ones."""
+    layout, name = named_layout(audio.layout.name), audio.codec_context.codec.canonical_name
+    least, most = (rate * audio.channels for rate in _CHANNEL_BIT_RATES)
+    bit_rate = max(audio.bit_rate or 0, least)
+    if own and _opens(encoding := SoundEncoding(name, audio.rate, layout, bit_rate)):
+        yield encoding
+    for name, rate in [
+        ("aac", audio.rate),
+        ("libopus", audio.rate),
+        ("libopus", _FALLBACK_SAMPLE_RATE),
+    ]:
+        encoding = SoundEncoding(name, rate, layout, min(bit_rate, most))
+        if _opens(encoding):
+            yield encoding
+
+
+def _opens(encoding: SoundEncoding) -> bool:
     """Whether there is a non-experimental encoder of that name that takes these settings."""
-    if (codec := find_codec(name, "w")) is None:
+    if (codec := find_codec(encoding.name, "w")) is None:
         return False
     context = av.CodecContext.create(codec, "w")
     assert isinstance(context, AudioCodecContext)
-    context.sample_rate, context.layout, context.bit_rate = rate, layout, bit_rate
+    context.sample_rate, context.layout = encoding.rate, encoding.layout
+    context.bit_rate = encoding.bit_rate
     if formats := codec.audio_formats:
         context.format = formats[0]
     try:
