@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from guise.app.cli.batches import ConsoleObserver
 from guise.app.cli.console import Board, Console
 from guise.app.cli.options import Encode, Force, Part, Shown, takes
 from guise.app.deidentify.options import DeidentifyOptions
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from guise.app.deidentify.report.report import BatchEntry
     from guise.app.deidentify.run.batch import BatchRun
     from guise.app.deidentify.run.inputs import FilePair
-    from guise.common.progress import Progress
 
 WORK = "guise-work"
 OPTIONS = (
@@ -130,7 +129,7 @@ def _run(console: Console, pairs: Sequence[FilePair], run: BatchRun) -> int:
     start = time.perf_counter()
     with Board(console, len(pairs)) as board:
         try:
-            entries = run_batch(pairs, run, _ConsoleObserver(console, board, len(pairs)))
+            entries = run_batch(pairs, run, ConsoleObserver(console, board, len(pairs)))
         except KeyboardInterrupt:
             raise Interrupted("interrupted; finished work is kept: continue with --resume") from None
     facts = {
@@ -157,31 +156,3 @@ def _summarise(console: Console, entries: Sequence[BatchEntry], pairs: Sequence[
         f"{len(codes)} files: {swapped} swapped, {covered} with covered faces, {failed} failed; see {page}"
     )
     return page
-
-
-class _ConsoleObserver:
-    """Shows the progress of a batch and the outcome of each file."""
-
-    def __init__(self, console: Console, board: Board, total: int) -> None:
-        self._console, self._board, self._total = console, board, total
-        self._lock = threading.Lock()
-        self._count = 0
-
-    def file(self, name: str) -> Progress:
-        """Returns what is called with the stage of a file and the share of it that is done."""
-        return lambda stage, share: self._board.show(name, stage, share)
-
-    def note(self, text: str) -> None:
-        """Print a remark."""
-        self._console.note(text)
-
-    def finished(self, entry: BatchEntry) -> None:
-        """Print the outcome of a file."""
-        with self._lock:
-            self._count += 1
-            self._board.finished(entry.input, self._count)
-            place = f"[{self._count}/{self._total}] " if self._total > 1 else ""
-            if entry.output is None and entry.code:
-                self._console.error(f"{place}{entry.sentence}")
-            else:
-                self._console.say(f"{place}{entry.output or entry.input}: {entry.sentence}")

@@ -25,6 +25,25 @@ if TYPE_CHECKING:
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing output.")]
 
 Video = Annotated[Path, typer.Argument(metavar="VIDEO", help="A video, an image or a folder of images.")]
+Videos = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="VIDEO", help="One or more videos, images, folders of images, patterns in quotes, or URLs."
+    ),
+]
+Each = Annotated[
+    bool,
+    typer.Option(
+        "--each", help="Swap the files of a folder one by one; otherwise its images are one sequence."
+    ),
+]
+OutputOrFolder = Annotated[
+    str,
+    typer.Option(
+        "--output", "-o", metavar="OUT.mp4|DIR",
+        help="The file to write, or for several inputs a folder, in which they are called NAME_swapped.",
+    ),
+]  # fmt: skip
 _IDENTITY = typer.Option(
     "--identity",
     metavar="FACE",

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from guise.app.cli.batches import Swap, summary, swap_each
 from guise.app.cli.console import Console, Stages
 from guise.app.cli.options import (
     Detector,
+    Each,
     Encode,
     EncodeChoices,
     FaceMap,
@@ -24,12 +26,14 @@ from guise.app.cli.options import (
     Others,
     OthersChoice,
     Output,
+    OutputOrFolder,
     Part,
     Rest,
     Shown,
     SourceSpec,
     UnsureOption,
     Video,
+    Videos,
     faces_by_person,
     landmark_source,
     look_of,
@@ -42,14 +46,15 @@ if TYPE_CHECKING:
     from guise.app.drawing.look import Look
     from guise.app.enrolment.landmark_source import LandmarkSource
     from guise.app.swapping.report import SwapReport, SwapSettings
-    from guise.app.swapping.several import Casting, SeveralReport
+    from guise.app.swapping.several import Casting
 
 
 @takes
 def swap(
-    video: Video,
-    output: Output,
+    videos: Videos,
+    output: OutputOrFolder,
     *,
+    each: Each = False,
     identity: OneFace = None,
     source: SourceSpec = None,
     map: FaceMap = None,
@@ -65,12 +70,16 @@ def swap(
     no_keep: NoKeep = False,
     force: Force = False,
     console: Shown,
-) -> None:
+) -> int:
     """Replace the face of the person in a video by another, or of each of several people."""
     from guise.app.drawing.look import SWAP
 
     for_one = (source, landmarks, landmarker, rest is not None, detector != "builtin")
     casting = _casting(identity, map, others, for_one, unsure)
+    alone = _is_alone(videos, each=each)
+    if landmarks is not None and not alone:
+        raise typer.BadParameter("--landmarks is for one video: give only one")
+    made = _swapper(casting, str(identity), source, landmarks, landmarker)
     with Stages(console) as stages:
         settings = _settings(console, stages, look_of(drawing, SWAP), encoding, detector, force)
         settings = replace(
@@ -81,27 +90,47 @@ def swap(
             graded=console.json or not console.quiet,
             hwaccel=hwaccel,
         )
-        if casting is not None:
-            from guise.app.swapping.several import swap_people
-
-            several = swap_people(video, casting, output, settings=settings)
-        else:
-            from guise.app.swapping.file import swap_file
-
-            shown, person = _open(str(identity), source, landmarks, landmarker)
-            report = swap_file(video, shown, output, source=person, settings=settings)
-    if casting is None:
-        say_report(console, report, "swapped")
-    else:
-        _say_several(console, several)
+        if not alone:
+            return swap_each(console, videos, output, made, settings, each=each)
+        report = made(Path(videos[0]), Path(output), settings)
+    _say_swap(console, report)
+    return 0
 
 
-def _say_several(console: Console, report: SeveralReport) -> None:
-    """Print the summary, and what became of each person."""
+def _is_alone(videos: list[str], *, each: bool) -> bool:
+    """Whether a file or a folder of images is given, and not what stands for several inputs or is elsewhere."""
+    name = videos[0]
+    if len(videos) == 1 and not each and Path(name).is_dir():
+        from guise.app.deidentify.run.inputs import VIDEO_SUFFIXES
+        from guise.app.media.images import list_images
+
+        held = {path.suffix.lower() for path in Path(name).iterdir()}
+        if held & VIDEO_SUFFIXES and not list_images(Path(name)):
+            raise typer.BadParameter(f"{name} is a folder of videos: --each swaps them one by one")
+    stands = not Path(name).exists() and ("://" in name or set("*?[") & set(name))
+    return len(videos) == 1 and not each and not stands
+
+
+def _swapper(
+    casting: Casting | None, identity: str, source: str | None, landmarks: Path | None, landmarker: str | None
+) -> Swap:
+    """What swaps a video, with the models that are opened once for all."""
+    if casting is not None:
+        from guise.app.swapping.several import swap_people
+
+        return lambda video, output, settings: swap_people(video, casting, output, settings=settings)
+    from guise.app.swapping.file import swap_file
+
+    shown, person = _open(identity, source, landmarks, landmarker)
+    return lambda video, output, settings: swap_file(video, shown, output, source=person, settings=settings)
+
+
+def _say_swap(console: Console, report: SwapReport) -> None:
+    """Print the summary, and what became of each of several people."""
     from guise.app.swapping.donors import titled
 
     say_report(console, report, "swapped", last=False)
-    for one in report.people:
+    for one in getattr(report, "people", ()):
         got = f"the face {titled(one.face)}: " if one.face else ""
         console.say(
             f"person {one.number}: {got}{one.swapped} swapped, {one.covered} covered, {one.left} left"
@@ -187,11 +216,7 @@ def _open(
 
 def say_report(console: Console, report: SwapReport, word: str, *, last: bool = True) -> None:
     """Print the summary for people and, unless more follows, the JSON object."""
-    covered = f"{report.covered} covered, " if report.covered else ""
-    console.say(
-        f"{report.output}: {report.swapped} of {report.frames} frames {word}, {report.held} held, {covered}"
-        f"{report.lost} lost; {report.seconds:.1f} s, {report.frames_per_second:.1f} frames per second"
-    )
+    console.say(f"{report.output}: {summary(report, word)}")
     if report.beyond_face_widths:
         share = round(100 * report.beyond_face_widths)
         console.note(

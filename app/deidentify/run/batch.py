@@ -9,7 +9,7 @@ import shutil
 import tempfile
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -81,15 +81,30 @@ def run_batch(pairs: Sequence[FilePair], run: BatchRun, observer: BatchObserver)
     An interruption stops the jobs at once and is raised; finished files stay.
     """
 
+    def one(pair: FilePair) -> BatchEntry:
+        return _earlier_result(pair) if run.resume and _is_done(pair) else _one(pair, run, observer)
+
+    return run_all(
+        pairs, one, observer, code_of=_failure, count=run.at_once(len(pairs)), stop=run.engine.close
+    )
+
+
+def run_all(
+    pairs: Sequence[FilePair], work: Callable[[FilePair], BatchEntry], observer: BatchObserver,
+    *, code_of: Callable[[Exception, FilePair], int], count: int = 1, stop: Callable[[], None] | None = None,
+) -> list[BatchEntry]:  # fmt: skip
+    """Work on all files, `count` at a time; the outcome of each, in their order.  A bad one does not stop the others.
+
+    code_of : the code of a file that failed.   stop : called at an interruption, which is raised.
+    """
     stopped = threading.Event()
 
     def process(pair: FilePair) -> BatchEntry:
-        entry = _attempt(pair, run, observer)
+        entry = _attempt(pair, work, code_of)
         if not stopped.is_set():
             observer.finished(entry)
         return entry
 
-    count = run.at_once(len(pairs))
     if count == 1:
         return [process(pair) for pair in pairs]
     with ThreadPoolExecutor(count, "guise-file") as files:
@@ -98,7 +113,8 @@ def run_batch(pairs: Sequence[FilePair], run: BatchRun, observer: BatchObserver)
         except BaseException:
             stopped.set()
             files.shutdown(wait=False, cancel_futures=True)
-            run.engine.close()
+            if stop is not None:
+                stop()
             raise
 
 
@@ -131,18 +147,26 @@ def _write_summary(folder: Path, name: str, entries: Sequence[BatchEntry]) -> Pa
     return page
 
 
-def _attempt(pair: FilePair, run: BatchRun, observer: BatchObserver) -> BatchEntry:
+def _attempt(
+    pair: FilePair,
+    work: Callable[[FilePair], BatchEntry],
+    code_of: Callable[[Exception, FilePair], int],
+) -> BatchEntry:
     try:
-        return _earlier_result(pair) if run.resume and _is_done(pair) else _one(pair, run, observer)
+        return work(pair)
     except Exception as error:
         trace(error)
-        unread = isinstance(error, UnreadableError) and not _work_of(pair).exists()
-        return BatchEntry(pair.name, None, UNREAD if unread else FAILED, _why_failed(error, pair), {})
+        return BatchEntry(pair.name, None, code_of(error, pair), _why_failed(error, pair), {})
+
+
+def _failure(error: Exception, pair: FilePair) -> int:
+    """Whether a file could not be read at all, or failed later."""
+    return UNREAD if isinstance(error, UnreadableError) and not _work_of(pair).exists() else FAILED
 
 
 def _why_failed(error: Exception, pair: FilePair) -> str:
     """A sentence that names the input and says when the work can be resumed."""
-    sentence = _with_names(explain(error)[0], pair)
+    sentence = with_names(explain(error)[0], pair)
     if Path(pair.name).name not in sentence:
         sentence = f"{pair.name}: {sentence}"
     if _work_of(pair).exists() and "--resume" not in sentence and "--force" not in sentence:
@@ -150,7 +174,7 @@ def _why_failed(error: Exception, pair: FilePair) -> str:
     return sentence
 
 
-def _with_names(text: str, pair: FilePair) -> str:
+def with_names(text: str, pair: FilePair) -> str:
     """A text with the paths as the user gave them."""
     for path, name in ((pair.output, pair.shown_output), (pair.input, pair.name)):
         text = text.replace(str(path), name)
@@ -162,31 +186,36 @@ def _one(pair: FilePair, run: BatchRun, observer: BatchObserver) -> BatchEntry:
     progress = observer.file(pair.name)
     entry = _earlier_output(pair) if run.resume and pair.put else None
     if entry is None:
-        _prepare(pair, run, progress)
+        prepare(pair, progress, resume=run.resume)
         report = deidentify_file(
             pair.input, pair.output, run.options, run.engine, resume=run.resume, force=run.force, review=run.review,
-            tracks=run.tracks, progress=progress, say=lambda text: observer.note(_with_names(text, pair)),
+            tracks=run.tracks, progress=progress, say=lambda text: observer.note(with_names(text, pair)),
         )  # fmt: skip
         if report is None:  # stopped for a review
             return BatchEntry(pair.name, None, ALL_SWAPPED, "The tracks are ready to be reviewed.", {})
         entry = BatchEntry(pair.name, pair.shown_output, outcome(report), verdict(report), report.counts)
+    clean_up(pair, progress)
+    return entry
+
+
+def prepare(pair: FilePair, progress: Progress, *, resume: bool = False) -> None:
+    """Make the folders, and download the input if needed.   resume : use what an earlier run has downloaded."""
+    if pair.put:
+        _make_private(pair.output.parent)
+    pair.output.parent.mkdir(parents=True, exist_ok=True)
+    if pair.fetch and not (resume and pair.input.exists()):
+        progress(COPYING, 0.0)
+        _make_private(pair.input.parent)
+        remote.fetch(pair.fetch, pair.input)
+
+
+def clean_up(pair: FilePair, progress: Progress) -> None:
+    """Upload the output if needed, and delete copies of remote files."""
     if pair.put:
         progress(COPYING, 0.0)
         _send(pair)
     if pair.fetch:
         _remove_copy(pair.input.parent)
-    return entry
-
-
-def _prepare(pair: FilePair, run: BatchRun, progress: Progress) -> None:
-    """Make the folders, and download the input if needed."""
-    if pair.put:
-        _make_private(pair.output.parent)
-    pair.output.parent.mkdir(parents=True, exist_ok=True)
-    if pair.fetch and not (run.resume and pair.input.exists()):
-        progress(COPYING, 0.0)
-        _make_private(pair.input.parent)
-        remote.fetch(pair.fetch, pair.input)
 
 
 def _is_done(pair: FilePair) -> bool:

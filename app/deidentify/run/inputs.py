@@ -20,7 +20,6 @@ from guise.app.media.file_kind import has_image_name, is_picture, kind_of
 from guise.app.media.images import can_write
 from guise.common.files import fitting_name, natural_key
 
-OUTPUT_MARK = "_deidentified"
 OWN_SUFFIXES = (".report.json", ".report.html", ".tracks.json", ".tracks.jpg", ".part", ".work")
 VIDEO_SUFFIXES = frozenset(
     {
@@ -29,6 +28,19 @@ VIDEO_SUFFIXES = frozenset(
     }
 )  # fmt: skip
 _PATTERN = frozenset("*?[")
+
+
+@dataclass(frozen=True)
+class Purpose:
+    """What is done to the inputs: a verb for messages, the mark that is added to their names, and whether a run writes
+    reports and can be resumed."""
+
+    verb: str
+    mark: str
+    resumes: bool = False
+
+
+DEIDENTIFY, SWAP = Purpose("de-identify", "_deidentified", resumes=True), Purpose("swap", "_swapped")
 
 
 class InputError(DeidentifyError):
@@ -75,6 +87,28 @@ class _FoundInput:
     below: PurePath = field(default_factory=PurePath)
 
 
+@dataclass(frozen=True)
+class _Search:
+    """How inputs are found: see `make_plan`; and the notes about what is left out."""
+
+    recursive: bool
+    each: bool
+    purpose: Purpose
+    notes: list[str]
+
+    def why_not(self, name: str, path: Path | None = None) -> str:
+        """Why a file of a folder isn't an input; "" when it is.   path : where it is, if on this machine."""
+        folder = path is not None and path.is_dir()
+        if name.startswith("."):
+            return "hidden"
+        if name.endswith(OWN_SUFFIXES) or (name if folder else PurePath(name).stem).endswith(
+            self.purpose.mark
+        ):
+            return "from an earlier run"
+        known = folder or PurePath(name).suffix.lower() in VIDEO_SUFFIXES or has_image_name(Path(name))
+        return "" if known or (path is not None and kind_of(path) != "video") else "not a video or image"
+
+
 def make_plan(
     inputs: Sequence[str],
     output: str | None,
@@ -82,6 +116,8 @@ def make_plan(
     suffix_for: Callable[[Path], str],
     *,
     recursive: bool,
+    each: bool = False,
+    purpose: Purpose = DEIDENTIFY,
 ) -> BatchPlan:
     """What is read and written.
 
@@ -92,6 +128,8 @@ def make_plan(
     work : where copies of remote files lie.
     suffix_for : the suffix of the container for a video's result.
     recursive : include the subfolders of folders.
+    each : every image of a folder is an input of its own, even if there is nothing else in it.
+    purpose : what for.
 
     Raises
     ------
@@ -99,26 +137,29 @@ def make_plan(
         Nothing to do, something that does not exist, or two inputs with one output.
     """
     plan = BatchPlan()
-    found = [one for text in inputs for one in _find(text, recursive, plan.notes)]
+    search = _Search(recursive, each, purpose, plan.notes)
+    found = [one for text in inputs for one in _find(text, search)]
     found = list({_identity(one.place): one for one in reversed(found)}.values())[::-1]
     target = _OutputTarget(output, single=len(found) == 1 and _is_file(inputs, found[0]))
-    plan.pairs += _apart([_OutputNamer(one, target, work, suffix_for) for one in found])
+    plan.pairs += _apart([_OutputNamer(one, target, work, suffix_for, purpose.mark) for one in found])
     plan.notes += [note for pair in plan.pairs for note in _renamed(pair, chosen=bool(target.file))]
     _require_apart(plan.pairs)
     return plan
 
 
-def require_possible(pairs: Sequence[FilePair], *, force: bool, resume: bool) -> None:
+def require_possible(
+    pairs: Sequence[FilePair], *, force: bool, resume: bool = False, purpose: Purpose = DEIDENTIFY
+) -> None:
     """Raise InputError when an output could not be written, or would replace something."""
     there = [pair for pair in pairs if is_there(pair)]
     if there and not (force or resume):
         more = f" (and {len(there) - 1} more)" if len(there) > 1 else ""
+        rest = " --resume to do only the rest," if purpose.resumes else ""
         raise InputError(
-            f"{there[0].shown_output} exists{more}: use --force to replace it, --resume to do only the rest, "
-            "or -o to write elsewhere"
+            f"{there[0].shown_output} exists{more}: use --force to replace it,{rest} or -o to write elsewhere"
         )
     reports = [pair.output.with_name(fitting_name(pair.output.stem, ".report.json")) for pair in pairs]
-    if not (force or resume) and (report := next(filter(Path.exists, reports), None)):
+    if purpose.resumes and not (force or resume) and (report := next(filter(Path.exists, reports), None)):
         raise InputError(
             f"{short(report)} exists without its output: use --force to replace it, or -o to write elsewhere"
         )
@@ -142,51 +183,51 @@ def short(path: Path) -> str:
 # -- finding inputs ---------------------------------------------------------------------------------------------
 
 
-def _find(text: str, recursive: bool, notes: list[str]) -> list[_FoundInput]:
+def _find(text: str, search: _Search) -> list[_FoundInput]:
     if remote.is_url(text):
-        return _find_remote(text, recursive, notes)
+        return _find_remote(text, search)
     path = Path(text)
     if path.is_dir():
-        return _find_in(path, recursive, notes)
+        return _find_in(path, search)
     if os.path.lexists(path):
         return [_FoundInput(path.absolute())]
     if _PATTERN & set(text):
-        return _find_matches(text, notes)
+        return _find_matches(text, search)
     raise InputError(f"{text} does not exist: give a video, an image, a folder, a pattern in quotes or a URL")
 
 
-def _find_in(folder: Path, recursive: bool, notes: list[str]) -> list[_FoundInput]:
+def _find_in(folder: Path, search: _Search) -> list[_FoundInput]:
     """The inputs in a folder, which may be one itself."""
     skipped: Counter[str] = Counter()
     found = [
-        _FoundInput(path.absolute(), below) for path, below in _walk(folder, PurePath(), recursive, skipped)
+        _FoundInput(path.absolute(), below) for path, below in _walk(folder, PurePath(), search, skipped)
     ]
-    notes += _skipped(str(folder), skipped)
+    search.notes.extend(_skipped(str(folder), skipped))
     if not found:
-        hint = "" if recursive or not skipped["subfolders"] else "; use --recursive for its subfolders"
-        raise InputError(f"the folder {folder} holds no video or image to de-identify{hint}")
+        hint = "" if search.recursive or not skipped["subfolders"] else "; use --recursive for its subfolders"
+        raise InputError(f"the folder {folder} holds no video or image to {search.purpose.verb}{hint}")
     return found
 
 
 def _walk(
-    folder: Path, below: PurePath, recursive: bool, skipped: Counter[str]
+    folder: Path, below: PurePath, search: _Search, skipped: Counter[str]
 ) -> Iterator[tuple[Path, PurePath]]:
-    files, folders = _content(folder, skipped)
+    files, folders = _content(folder, search, skipped)
     images = [file for file in files if is_picture(file)]
-    if len(images) == len(files) > 1:
+    if len(images) == len(files) > 1 and not search.each:
         yield folder, below.parent
     else:
         yield from ((file, below) for file in files)
     for one in folders:
-        if not recursive:
+        if not search.recursive:
             skipped["subfolders"] += 1
         elif one.is_symlink():
             skipped["links to folders"] += 1
         else:
-            yield from _walk(one, below / one.name, recursive, skipped)
+            yield from _walk(one, below / one.name, search, skipped)
 
 
-def _content(folder: Path, skipped: Counter[str]) -> tuple[list[Path], list[Path]]:
+def _content(folder: Path, search: _Search, skipped: Counter[str]) -> tuple[list[Path], list[Path]]:
     """Videos and images, and folders; other, hidden and earlier output files are counted."""
     try:
         entries = sorted(folder.iterdir(), key=lambda path: natural_key(path.name))
@@ -194,21 +235,10 @@ def _content(folder: Path, skipped: Counter[str]) -> tuple[list[Path], list[Path
         raise InputError(
             f"the folder {folder} can't be read ({error.strerror}): check its permissions, or leave it out"
         ) from error
-    reasons = {path: _why_not(path.name, path) for path in entries}
+    reasons = {path: search.why_not(path.name, path) for path in entries}
     skipped.update(reason for reason in reasons.values() if reason)
     wanted = [path for path, reason in reasons.items() if not reason]
     return [p for p in wanted if not p.is_dir()], [p for p in wanted if p.is_dir()]
-
-
-def _why_not(name: str, path: Path | None = None) -> str:
-    """Why a file of a folder isn't an input; "" when it is.   path : where it is, if on this machine."""
-    folder = path is not None and path.is_dir()
-    if name.startswith("."):
-        return "hidden"
-    if name.endswith(OWN_SUFFIXES) or (name if folder else PurePath(name).stem).endswith(OUTPUT_MARK):
-        return "from an earlier run"
-    known = folder or PurePath(name).suffix.lower() in VIDEO_SUFFIXES or has_image_name(Path(name))
-    return "" if known or (path is not None and kind_of(path) != "video") else "not a video or image"
 
 
 def _skipped(where: str, counts: Counter[str]) -> list[str]:
@@ -218,7 +248,7 @@ def _skipped(where: str, counts: Counter[str]) -> list[str]:
     return [f"{where}: skipped {', '.join(f'{count} {reason}' for reason, count in counts.items())}"]
 
 
-def _find_matches(text: str, notes: list[str]) -> list[_FoundInput]:
+def _find_matches(text: str, search: _Search) -> list[_FoundInput]:
     """The files that a pattern stands for."""
     parts = Path(text).parts
     first = next(i for i, part in enumerate(parts) if _PATTERN & set(part))
@@ -231,24 +261,26 @@ def _find_matches(text: str, notes: list[str]) -> list[_FoundInput]:
         ) from error
     files = [path for path in matches if not path.is_dir()]
     hidden = [any(part.startswith(".") for part in path.relative_to(root).parts) for path in files]
-    reasons = ["hidden" if h else _why_not(path.name, path) for path, h in zip(files, hidden, strict=True)]
-    notes += _skipped(text, Counter(reason for reason in reasons if reason))
+    reasons = [
+        "hidden" if h else search.why_not(path.name, path) for path, h in zip(files, hidden, strict=True)
+    ]
+    search.notes.extend(_skipped(text, Counter(reason for reason in reasons if reason)))
     found = [path for path, reason in zip(files, reasons, strict=True) if not reason]
     if not found:
         raise InputError(f"no video or image matches {text}")
     return [_FoundInput(path.absolute(), path.relative_to(root).parent) for path in found]
 
 
-def _find_remote(url: str, recursive: bool, notes: list[str]) -> list[_FoundInput]:
+def _find_remote(url: str, search: _Search) -> list[_FoundInput]:
     """The files that a URL stands for."""
-    files = dict(remote.files_at(url, recursive=recursive))
+    files = dict(remote.files_at(url, recursive=search.recursive))
     if list(files) == [url]:
         return [_FoundInput(url)]
-    reasons = {one: _why_not(remote.name_of(one)) for one in files}
-    notes += _skipped(url, Counter(reason for reason in reasons.values() if reason))
+    reasons = {one: search.why_not(remote.name_of(one)) for one in files}
+    search.notes.extend(_skipped(url, Counter(reason for reason in reasons.values() if reason)))
     found = sorted((one for one, reason in reasons.items() if not reason), key=natural_key)
     if not found:
-        raise InputError(f"{url} holds no video or image to de-identify")
+        raise InputError(f"{url} holds no video or image to {search.purpose.verb}")
     return [_FoundInput(one, PurePath(files[one]).parent) for one in found]
 
 
@@ -289,8 +321,14 @@ class _OutputNamer:
     """Names the output of an input."""
 
     def __init__(
-        self, one: _FoundInput, target: _OutputTarget, work: Path, suffix_for: Callable[[Path], str]
+        self,
+        one: _FoundInput,
+        target: _OutputTarget,
+        work: Path,
+        suffix_for: Callable[[Path], str],
+        mark: str,
     ) -> None:
+        self._mark = mark
         self._url = one.place if isinstance(one.place, str) else ""
         self._input = _copy_of(self._url, work) if self._url else Path(one.place)
         self._below, self._target, self._work = one.below, target, work
@@ -320,7 +358,7 @@ class _OutputNamer:
     def _output(self, whole: bool) -> str:
         folder = self._input.is_dir()
         stem = self._input.name if whole or folder else self._input.stem
-        name = fitting_name(stem, OUTPUT_MARK + ("" if folder else self._suffix))
+        name = fitting_name(stem, self._mark + ("" if folder else self._suffix))
         if self._target.folder:
             return remote.join(self._target.folder, str(self._below / name))
         return (
