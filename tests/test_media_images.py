@@ -199,7 +199,9 @@ def test_an_error_leaves_no_folder(tmp_path: Path) -> None:
 
 def test_one_image_output_takes_one_image(tmp_path: Path) -> None:
     folder = make_folder(tmp_path, ["a.png", "b.png"])
-    with pytest.raises(MediaError, match=r"out.png is one image but in is not: write to a video"):
+    with pytest.raises(
+        MediaError, match=r"out.png is one image but in is not: write to out.webp, which moves"
+    ):
         run(folder, tmp_path / "out.png")
     lossy = save(folder / "c.jpg", noise())
     with pytest.raises(MediaError, match=r"c\.jpg cannot be written lossless"):

@@ -6,7 +6,7 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from guise.app.media.file_kind import is_picture
+from guise.app.media.file_kind import kind_of
 from guise.app.media.reader import open_container
 
 
@@ -20,11 +20,11 @@ class AudioTrack:
 
 
 def audio_tracks(path: Path) -> tuple[AudioTrack, ...]:
-    """The audio streams of a video, in order; an image or a folder has none.
+    """The audio streams of a video, in order; images and animations have none.
 
     Raises MediaError when the file cannot be read.
     """
-    if path.is_dir() or is_picture(path):
+    if path.is_dir() or kind_of(path) != "video":
         return ()
     with open_container(path) as container:
         streams = list(container.streams.audio)

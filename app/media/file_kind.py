@@ -137,7 +137,7 @@ def _gif_kind(file: BinaryIO, head: bytes) -> FileKind:
     try:
         with Image.open(file) as picture:
             return "animation" if getattr(picture, "is_animated", False) else "image"
-    except (OSError, ValueError, SyntaxError):
+    except (OSError, ValueError, SyntaxError, IndexError):
         return "image"
 
 

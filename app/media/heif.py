@@ -8,23 +8,20 @@ from __future__ import annotations
 
 import struct
 from collections import defaultdict
-from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import av
 import av.error
 import cv2
 import numpy as np
 from av.video.codeccontext import VideoCodecContext
-from numpy.typing import NDArray
 
 from guise.app.media import colour
 from guise.app.media.boxes import boxes, find
-from guise.app.media.colour import yuv_matrix
 from guise.app.media.errors import MediaError
 from guise.app.media.orientation import Orientation
-
-Plane: TypeAlias = "NDArray[Any]"
+from guise.app.media.yuv import YUV, Plane, read_planes, to_rgb
 
 MAX_PIXELS = 1 << 30  # as OpenCV has it
 # What codes an item: FFmpeg's decoder, and the property that has its headers.
@@ -75,16 +72,6 @@ class Item:
         return next((body for found, body in self.properties if found == name), None)
 
 
-@dataclass(frozen=True, eq=False)
-class _Decoded:
-    """Planes (h, w) of an item, chroma perhaps smaller, and what FFmpeg says of their colours."""
-
-    planes: list[Plane]
-    bits: int
-    matrix: int
-    span: int
-
-
 def read_heif(data: bytes) -> HeifPicture:
     """The main picture of a HEIF file.  Raises MediaError with what is wrong, to follow the name of the file."""
     try:
@@ -127,7 +114,7 @@ class _Heif:
                 code_points, span = tuple(code_points_), colour.FULL if full & 0x80 else colour.LIMITED
             else:
                 profile = body[4:]
-        pixels = _rgb(decoded, matrix, span)
+        pixels = to_rgb(replace(decoded, matrix=matrix, span=span))
         alpha = self._alpha()
         shown = _transformed(pixels, item)
         if alpha is not None and alpha.shape != pixels.shape[:2]:
@@ -150,8 +137,7 @@ class _Heif:
             auxiliary = self.items[number].property(b"auxC") or b""
             if self.main in to and auxiliary[4:].split(b"\0")[0] in _ALPHA:
                 decoded = self._decode(number)
-                grey = _Decoded(decoded.planes[:1], decoded.bits, decoded.matrix, decoded.span)
-                return _rgb(grey, decoded.matrix, decoded.span)
+                return to_rgb(replace(decoded, planes=decoded.planes[:1]))
         return None
 
     # -- the boxes ----------------------------------------------------------------------------------------
@@ -210,7 +196,7 @@ class _Heif:
 
     # -- pictures -----------------------------------------------------------------------------------------
 
-    def _decode(self, number: int, *, inner: bool = False) -> _Decoded:
+    def _decode(self, number: int, *, inner: bool = False) -> YUV:
         item = self.items[number]
         if item.kind in _DECODERS:
             return _decoded(item, self.bytes_of(item))
@@ -220,7 +206,7 @@ class _Heif:
             f"holds a picture of kind {item.kind.decode('latin-1')!r}, which Guise does not read: save it as PNG first."
         )
 
-    def _grid(self, item: Item, tiles: list[_Decoded]) -> _Decoded:
+    def _grid(self, item: Item, tiles: list[YUV]) -> YUV:
         """Tiles put together row by row (6.6.2.3)."""
         body = self.bytes_of(item)
         rows, columns = body[2] + 1, body[3] + 1
@@ -240,7 +226,7 @@ class _Heif:
                 ]
             )
             planes.append(whole[: -(-height * h // tall), : -(-width * w // wide)])
-        return _Decoded(planes, tiles[0].bits, tiles[0].matrix, tiles[0].span)
+        return YUV(planes, tiles[0].bits, tiles[0].matrix, tiles[0].span)
 
 
 class _Numbers:
@@ -258,7 +244,7 @@ class _Numbers:
         return int.from_bytes(part)
 
 
-def _decoded(item: Item, data: bytes) -> _Decoded:
+def _decoded(item: Item, data: bytes) -> YUV:
     """One coded picture."""
     decoder, headers = _DECODERS[item.kind]
     size = item.property(b"ispe") or bytes(12)
@@ -279,62 +265,12 @@ def _decoded(item: Item, data: bytes) -> _Decoded:
     bits = max(component.bits for component in picture.format.components)
     full = picture.format.name.startswith("yuvj") or picture.color_range == colour.FULL
     matrix = colour.RGB if picture.format.name.startswith("gbr") else int(picture.colorspace)
-    return _Decoded(_planes(picture, bits), bits, matrix, colour.FULL if full else colour.LIMITED)
+    return YUV(read_planes(picture, bits), bits, matrix, colour.FULL if full else colour.LIMITED)
 
 
 def _has_sequence_header(data: bytes) -> bool:
     """Whether AV1 data begins with a sequence header, perhaps after a temporal delimiter (AV1, 5.3.1)."""
     return data[:1] in (b"\x0a", b"\x08") or data[:3] == b"\x12\x00\x0a"
-
-
-def _planes(picture: av.VideoFrame, bits: int) -> list[Plane]:
-    """Copies (h, w) of a planar picture's planes."""
-    kind = np.dtype(np.uint8 if bits == 8 else "<u2")
-    found: list[Plane] = []
-    for plane in picture.planes:
-        rows = np.frombuffer(plane, kind)  # type: ignore[call-overload]
-        found.append(rows.reshape(plane.height, -1)[:, : plane.width].astype(kind.newbyteorder("=")))
-    return found
-
-
-def _rgb(decoded: _Decoded, matrix: int, span: int) -> Plane:
-    """Planes as (h, w) grey or (h, w, 3) RGB, uint8 or uint16, full range; chroma is interpolated."""
-    h, w = decoded.planes[0].shape
-    planes = [_as_large(plane, h, w) for plane in decoded.planes[:3]]
-    if len(planes) == 3 and matrix == colour.RGB:
-        return _full(np.stack([planes[2], planes[0], planes[1]], axis=2), decoded.bits)
-    to_rgb = yuv_matrix(matrix if matrix != colour.UNSPECIFIED else colour.SMPTE170M, span, 0).to_rgb
-    if len(planes) == 1:
-        gain, offset = (1.0, 0.0) if span == colour.FULL else (255 / 219, -16 * 255 / 219)
-        to_rgb = np.array([[gain, offset]], np.float32)
-    if decoded.bits == 8:
-        return np.asarray(cv2.transform(cv2.merge(planes), to_rgb), np.uint8)
-    top = (1 << decoded.bits) - 1
-    middle, unit = 1 << (decoded.bits - 1), 255 / top if span == colour.FULL else 2.0 ** (8 - decoded.bits)
-    parts = [planes[0] * np.float32(unit)] + [
-        (p.astype(np.float32) - middle) * np.float32(unit) + 128 for p in planes[1:]
-    ]
-    rgb = cv2.transform(cv2.merge(parts), to_rgb)
-    levels = np.rint(np.clip(rgb, 0, 255) * (top / 255)).astype(np.uint16)
-    return _full(levels, decoded.bits)
-
-
-def _as_large(chroma: Plane, h: int, w: int) -> Plane:
-    """A plane, perhaps of half the size, as (h, w); the last sample of an odd length stands for one pixel."""
-    if chroma.shape == (h, w):
-        return chroma
-    wide, tall = (2 if size > kept else 1 for size, kept in ((w, chroma.shape[1]), (h, chroma.shape[0])))
-    whole = cv2.resize(
-        chroma, (wide * chroma.shape[1], tall * chroma.shape[0]), interpolation=cv2.INTER_LINEAR
-    )
-    return np.asarray(whole[:h, :w], chroma.dtype)
-
-
-def _full(values: Plane, bits: int) -> Plane:
-    """Values of a number of bits, scaled to all 16; 8 stay as they are."""
-    if bits == 8:
-        return values
-    return np.asarray((values.astype(np.uint32) * 65535 + (1 << (bits - 1))) // ((1 << bits) - 1), np.uint16)
 
 
 def _transformed(plane: Plane, item: Item) -> Plane:

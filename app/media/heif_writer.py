@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from guise.app.media import colour
 from guise.app.media.boxes import box, find, full_box
-from guise.app.media.heif import HeifPicture, Plane, main_item
+from guise.app.media.heif import HeifPicture, main_item
+from guise.app.media.yuv import Plane, from_rgb
 
 _SRGB = (1, 13)  # primaries and transfer, as H.273 numbers them
 _X265 = {"crf": "14", "x265-params": "log-level=error:info=0"}
@@ -106,9 +107,7 @@ def _hevc(plane: Plane, bits: int) -> _Coded:
     """A picture (h, w) or (h, w, 3) coded by x265, with chroma at half the size where that is even."""
     h, w = plane.shape[:2]
     fmt = ("yuv420p" if h % 2 == w % 2 == 0 else "yuv444p") + ("" if bits == 8 else "10le")
-    picture = av.VideoFrame.from_ndarray(_rgb16(plane), "rgb48le").reformat(
-        format=fmt, dst_colorspace=colour.SMPTE170M, dst_color_range=colour.FULL
-    )
+    picture = from_rgb(plane, fmt, bits)
     held = io.BytesIO()
     with av.open(held, "w", format="mp4") as output:
         stream = output.add_stream("libx265", 1, _X265)

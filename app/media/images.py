@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -41,6 +41,7 @@ _FORMS = {
     ".tiff": "tiff", ".webp": "webp", ".bmp": "bmp", ".dib": "bmp", ".heic": "heic", ".heif": "heic", ".hif": "heic",
     ".avif": "avif", ".jp2": "jp2", ".jpx": "jp2", ".j2k": "j2k",
 }  # fmt: skip
+PAGES = frozenset({".tif", ".tiff", ".mpo"})  # of files that hold several pictures
 _CODERS = {"jpeg": ".jpg", "tiff": ".tif", "j2k": ".jp2"}  # OpenCV's, where its suffix is not the form's name
 _DEPTHS = {
     "png": 16,
@@ -62,7 +63,7 @@ _SETTINGS = {
 }
 _PROFILE_SEGMENT_BYTES = 65_519  # of a profile in one JPEG segment
 _PNG_HEADER = 8 + 25  # signature and IHDR chunk
-_JP2_XMP = bytes.fromhex("be7acfcb97a942e89c71999491e3afac")  # the identifier of its box (XMP, part 3)
+XMP_BOX = bytes.fromhex("be7acfcb97a942e89c71999491e3afac")  # the identifier of a box with XMP (XMP, part 3)
 
 _XMP = (
     '<?xpacket begin="\ufeff" id="W5M0MpCehiHzreSzNTczkc9d"?><x:xmpmeta xmlns:x="adobe:ns:meta/">'
@@ -311,6 +312,28 @@ def encode_deep(image: DeepImage, suffix: str, tags: Mapping[str, str]) -> bytes
     return _with_metadata(data.tobytes(), form, image, tags)
 
 
+def encode_pages(images: Sequence[DeepImage], suffix: str, tags: Mapping[str, str]) -> bytes:
+    """The bytes of a TIFF file of these pages, or of an MPO file of these views, whose first ones have the tags."""
+    first, form = images[0], _FORMS[suffix.lower()]
+    if form == "tiff":
+        done, data = cv2.imencodemulti(".tif", [_stored(image, form) for image in images])
+        assert done
+        return _with_metadata(data.tobytes(), form, first, tags)
+    import io
+
+    from PIL import Image
+
+    pages = [Image.fromarray(image.rgb8()) for image in images]
+    held = io.BytesIO()
+    settings = {
+        "quality": _SETTINGS["jpeg"][1],
+        "icc_profile": first.profile,
+        "xmp": xmp(tags) if tags else None,
+    }
+    pages[0].save(held, "MPO", save_all=True, append_images=pages[1:], **settings)
+    return held.getvalue()
+
+
 def _with_metadata(data: bytes, form: str, image: DeepImage, tags: Mapping[str, str]) -> bytes:
     """The file with its profile and the tags, as far as OpenCV has not put them there."""
     if form == "tiff":
@@ -332,7 +355,7 @@ def _jp2_with(data: bytes, profile: bytes | None, tags: Mapping[str, str]) -> by
             )
             body = b"".join(box(kind, content) for kind, content in inner)
         parts.append(box(name, body))
-    return b"".join([*parts, box(b"uuid", _JP2_XMP, xmp(tags)) if tags else b""])
+    return b"".join([*parts, box(b"uuid", XMP_BOX, xmp(tags)) if tags else b""])
 
 
 def _heif(image: DeepImage, form: str, tags: Mapping[str, str]) -> bytes:

@@ -14,14 +14,15 @@ from typing import Any, Literal
 
 import av
 
+from guise.app.media.animation import TIME_BASE, Pictures
 from guise.app.media.clock import clock_of
 from guise.app.media.coded_quality import quantiser
 from guise.app.media.deep_frame import frame_of
 from guise.app.media.errors import MediaError, UnreadableError
-from guise.app.media.file_kind import kind_of
+from guise.app.media.file_kind import FileKind, kind_of
 from guise.app.media.frame import Frame
 from guise.app.media.hardware import HardwareDecoder, working_decoder
-from guise.app.media.images import eight_bits, list_images, read_deep
+from guise.app.media.images import DeepImage, eight_bits, list_images, read_deep
 from guise.app.media.orientation import AS_STORED, Orientation, parse_display_matrix
 from guise.app.media.reader import (
     AnyPacket,
@@ -269,12 +270,7 @@ class ImageInput(MediaInput):
                 self.problems.note(
                     f"{file.name} has {image.depth or image.bits} bits per component; faces are drawn with 8."
                 )
-            alpha = None if image.alpha is None else eight_bits(image.alpha)
-            frame = Frame.from_rgb(
-                image.rgb8(), index, 1 / IMAGES_PER_SECOND, index, name=file.name, alpha=alpha
-            )
-            frame.stored = image
-            yield frame
+            yield _frame_of(image, index, 1 / IMAGES_PER_SECOND, index, file.name)
             index += 1
         self.note_replaced()
 
@@ -292,6 +288,40 @@ def file_version(path: Path) -> tuple[str, int, int] | None:
     return (str(path.absolute()), facts.st_size, facts.st_mtime_ns) if stat.S_ISREG(facts.st_mode) else None
 
 
+class AnimationInput(MediaInput):
+    """A file of several pictures, see `Pictures`: an animation, which moves like a video, or pages, like a folder."""
+
+    def __init__(self, path: Path, kind: FileKind) -> None:
+        super().__init__(path)
+        self.kind = "video" if kind == "animation" else "images"
+        self.time_base = TIME_BASE if kind == "animation" else 1 / IMAGES_PER_SECOND
+        self.pictures = Pictures(path, kind, self.problems)
+        first = next(iter(self), None)
+        if first is None:
+            raise MediaError(f"{path} holds no picture that can be read: {self.problems[0]}")
+        self.width, self.height = first.width, first.height
+        self.frame_rate = 1 / (first.duration * self.time_base) if first.duration else IMAGES_PER_SECOND
+        self.frame_count = self.pictures.count
+        self.duration = self.frame_count / self.frame_rate
+
+    def __iter__(self) -> Iterator[Frame]:
+        pts = 0
+        for index, (image, delay) in enumerate(self.pictures):
+            frame = _frame_of(image, pts, self.time_base, index)
+            frame.duration = delay
+            yield frame
+            pts += delay or 1
+        self.note_replaced()
+
+
+def _frame_of(image: DeepImage, pts: int, time_base: Fraction, index: int, name: str | None = None) -> Frame:
+    """A picture as a frame, which also holds it as it is stored."""
+    alpha = None if image.alpha is None else eight_bits(image.alpha)
+    frame = Frame.from_rgb(image.rgb8(), pts, time_base, index, name=name, alpha=alpha)
+    frame.stored = image
+    return frame
+
+
 def open_input(path: Path | str, hwaccel: HardwareDecoder = "none") -> MediaInput:
     """Open a video file, an image or a folder of images.
 
@@ -302,8 +332,11 @@ def open_input(path: Path | str, hwaccel: HardwareDecoder = "none") -> MediaInpu
     try:
         if not path.exists():
             raise MediaError(f"{path} does not exist: give a video file, an image or a folder of images.")
-        if path.is_dir() or kind_of(path) == "image":
+        kind = "image" if path.is_dir() else kind_of(path)
+        if kind == "image":
             return ImageInput(path)
+        if kind != "video":
+            return AnimationInput(path, kind)
         return VideoInput(path, hwaccel)
     except MediaError as error:
         raise UnreadableError(str(error)) from error

@@ -1,4 +1,4 @@
-"""Outputs: a video file, one image, or a folder of images.
+"""Outputs: a video file, an animation, pages, one image, or a folder of images.
 
 An output is written as NAME.part and renamed when it is complete; on any exception it is removed.
 """
@@ -15,15 +15,19 @@ from types import MappingProxyType
 
 import av
 import av.error
+import numpy as np
 from av.video.stream import VideoStream
+from numpy.typing import NDArray
 
+from guise.app.media.animation_writer import FORMS, LOSSLESS, add_tags, open_writer
 from guise.app.media.encoder import EncodeOptions, available_encoders, ordinary_priority
 from guise.app.media.encoding import Encoding, encoding_for
 from guise.app.media.errors import MediaError, reason
 from guise.app.media.file_kind import has_image_name
 from guise.app.media.frame import Frame
-from guise.app.media.images import DeepImage, can_write, changed, encode_deep, lossy_form
-from guise.app.media.input import ImageInput, MediaInput, VideoInput
+from guise.app.media.images import PAGES, DeepImage, can_write, changed, encode_deep, encode_pages, lossy_form
+from guise.app.media.input import AnimationInput, ImageInput, MediaInput, VideoInput
+from guise.app.media.pictures import letterboxed
 from guise.app.media.reader import AnyPacket
 from guise.app.media.stream_copies import (
     Audio,
@@ -42,6 +46,8 @@ __all__ = ["EncodeOptions", "Sink", "open_sink"]
 _NO_TAGS: Mapping[str, str] = MappingProxyType({})
 _DEFAULTS = EncodeOptions()
 _APPLE = frozenset({"mp4", "mov", "ipod"})
+_GIF_SHORTEST = Fraction(1, 50)  # seconds; players show pictures of less for 0.1 s
+_DEFAULT_DELAY = Fraction(1, 30)  # seconds, of a last picture without a duration
 
 
 class Sink(WholeOutput):
@@ -278,6 +284,94 @@ class FolderSink(Sink):
         self.discard()
 
 
+class AnimationSink(Sink):
+    """An animated picture file; frames of another size are letterboxed."""
+
+    def __init__(
+        self, path: Path, media: MediaInput, options: EncodeOptions, *, force: bool, tags: Mapping[str, str],
+        size: tuple[int, int] | None,
+    ) -> None:  # fmt: skip
+        super().__init__(path, force=force)
+        self._form, self._tags = FORMS[path.suffix.lower()], dict(tags)
+        self._size = size or (media.width, media.height)
+        self._held: tuple[Fraction, Fraction, NDArray[np.uint8]] | None = None
+        source = media.pictures if isinstance(media, AnimationInput) else None
+        self._alpha = source is not None and source.has_alpha and self._form != "avif"
+        _note_lost(media, path, self._form)
+        self._shortest = _GIF_SHORTEST if self._form == "gif" and source is None else Fraction(0)
+        self.claim()
+        try:
+            with as_media_error(path):
+                self._writer = open_writer(
+                    self.part, self._form, self._size, source.plays if source else 0, alpha=self._alpha,
+                    lossless=options.lossless,
+                )  # fmt: skip
+        except BaseException:
+            self.abort()
+            raise
+
+    def write(self, frame: Frame) -> None:
+        start, held = frame.pts * frame.time_base, self._held
+        if held is not None and start <= held[0]:
+            raise ValueError(f"frame times must ascend, got {start} s after {held[0]} s")
+        self.frames += 1
+        end = start + (frame.duration * frame.time_base or _DEFAULT_DELAY)
+        if held is not None:
+            if start - held[0] < self._shortest:
+                self._held = held[0], end, held[2]
+                return
+            self._add(held, start)
+        rgb = letterboxed(frame.rgb(), *self._size)
+        cover = frame.alpha if frame.alpha is not None else np.full(rgb.shape[:2], 255, np.uint8)
+        self._held = start, end, np.dstack([rgb, cover]) if self._alpha else rgb
+
+    def _add(self, held: tuple[Fraction, Fraction, NDArray[np.uint8]], end: Fraction) -> None:
+        with as_media_error(self.path):
+            self._writer.add(held[2], held[0], end)
+
+    def _finish(self) -> None:
+        assert self._held is not None
+        self._add(self._held, self._held[1])
+        self._writer.close()
+        if self._tags:
+            add_tags(self.part, self._form, self._tags)
+        self.publish()
+
+    def discard(self) -> None:
+        with contextlib.suppress(AttributeError, av.error.FFmpegError, OSError, ValueError):
+            self._writer.close()
+        super().discard()
+
+
+def _note_lost(media: MediaInput, path: Path, form: str) -> None:
+    """Note what an animated picture does not keep of its input."""
+    if media.has_audio:
+        media.problems.note(f"{path.name} holds no sound: the audio was left out.")
+    if form == "avif" and isinstance(media, AnimationInput) and media.pictures.has_alpha:
+        media.problems.note(f"{path.name} does not keep transparency: a .png or .webp file does.")
+    if form == "gif" and not isinstance(media, AnimationInput) and media.frame_rate > 1 / _GIF_SHORTEST:
+        media.problems.note(
+            f"{path.name} shows at most {1 / _GIF_SHORTEST} pictures a second: the rest was left out."
+        )
+
+
+class PagesSink(Sink):
+    """A TIFF file of pages, or an MPO file of views."""
+
+    def __init__(self, path: Path, *, force: bool, tags: Mapping[str, str]) -> None:
+        super().__init__(path, force=force)
+        self._tags, self._pages = dict(tags), list[DeepImage]()
+        self.claim()
+
+    def write(self, frame: Frame) -> None:
+        self._pages.append(_drawn(frame))
+        self.frames += 1
+
+    def _finish(self) -> None:
+        self.part.write_bytes(encode_pages(self._pages, self.path.suffix, self._tags))
+        self.publish()
+
+
 def open_sink(
     path: Path | str, media: MediaInput, options: EncodeOptions = _DEFAULTS, *, force: bool = False,
     tags: Mapping[str, str] = _NO_TAGS, size: tuple[int, int] | None = None, private: bool = False,
@@ -292,10 +386,15 @@ def open_sink(
     """
     path = Path(path)
     check_free(path, media, force)
+    if not path.is_dir() and is_animation(path, media):
+        _check_animation(path, options)
+        return AnimationSink(path, media, options, force=force, tags=tags, size=size)
+    if path.suffix.lower() in PAGES and media.kind == "images" and not path.is_dir():
+        return PagesSink(path, force=force, tags=tags)
     if has_image_name(path) and not path.is_dir():
         _check_image(path, media, options)
         return ImageSink(path, force=force, tags=tags)
-    if isinstance(media, ImageInput) and media.kind == "images" and (path.is_dir() or not path.suffix):
+    if media.kind == "images" and (path.is_dir() or not path.suffix):
         _check_images(media, options)
         return FolderSink(path, force=force, tags=tags, note=media.problems.note)
     return VideoSink(path, media, options, force=force, tags=tags, size=size, private=private)
@@ -314,14 +413,32 @@ def check_free(path: Path, media: MediaInput, force: bool) -> None:
 def _check_image(path: Path, media: MediaInput, options: EncodeOptions) -> None:
     if media.kind != "image":
         raise MediaError(
-            f"{path.name} is one image but {media.name} is not: write to a video such as out.mp4."
+            f"{path.name} is one image but {media.name} is not: write to out.webp, which moves, or "
+            "to a video such as out.mp4."
         )
     if options.lossless and (form := lossy_form(path.suffix)):
         raise MediaError(f"{path.name} cannot be lossless, as {form} never is: write to .png.")
 
 
-def _check_images(media: ImageInput, options: EncodeOptions) -> None:
-    lossy = next((file for file in media.files if lossy_form(file.suffix)), None)
+def is_animation(path: Path, media: MediaInput) -> bool:
+    """Whether an output is an animated picture: its form moves, and so does the input, or it has no other form."""
+    form = FORMS.get(path.suffix.lower())
+    if form is None or (path.suffix.lower() == ".png" and not isinstance(media, AnimationInput)):
+        return False
+    return media.kind != "image" or not has_image_name(path)
+
+
+def _check_animation(path: Path, options: EncodeOptions) -> None:
+    form = FORMS[path.suffix.lower()]
+    if options.lossless and form not in LOSSLESS:
+        raise MediaError(
+            f"{path.name} cannot be lossless, as {form.upper()} never is: write to .webp or .mkv."
+        )
+
+
+def _check_images(media: MediaInput, options: EncodeOptions) -> None:
+    files = media.files if isinstance(media, ImageInput) else []
+    lossy = next((file for file in files if lossy_form(file.suffix)), None)
     if options.lossless and lossy:
         raise MediaError(
             f"{lossy.name} cannot be written lossless, as {lossy_form(lossy.suffix)} never is: "
@@ -331,8 +448,12 @@ def _check_images(media: ImageInput, options: EncodeOptions) -> None:
 
 def _encoded(frame: Frame, suffix: str, tags: Mapping[str, str]) -> bytes:
     """The bytes of an image file that shows a frame, with what its own image file had, where nothing was drawn."""
+    return encode_deep(_drawn(frame), suffix, tags)
+
+
+def _drawn(frame: Frame) -> DeepImage:
     rgb, image = frame.rgb(), frame.stored
-    return encode_deep(DeepImage(rgb, frame.alpha) if image is None else changed(image, rgb), suffix, tags)
+    return DeepImage(rgb, frame.alpha) if image is None else changed(image, rgb)
 
 
 def _container_of(path: Path) -> str:

@@ -16,8 +16,9 @@ from pathlib import Path, PurePath
 
 from guise.app.deidentify.options import DeidentifyError
 from guise.app.deidentify.run import remote
+from guise.app.media.animation_writer import FORMS
 from guise.app.media.file_kind import has_image_name, is_picture, kind_of
-from guise.app.media.images import can_write
+from guise.app.media.images import PAGES, can_write
 from guise.common.files import fitting_name, natural_key
 
 OWN_SUFFIXES = (".report.json", ".report.html", ".tracks.json", ".tracks.jpg", ".part", ".work")
@@ -332,12 +333,7 @@ class _OutputNamer:
         self._url = one.place if isinstance(one.place, str) else ""
         self._input = _copy_of(self._url, work) if self._url else Path(one.place)
         self._below, self._target, self._work = one.below, target, work
-        image = self._input.is_dir() or is_picture(self._input)
-        self._suffix = (
-            (self._input.suffix if can_write(self._input.suffix) else ".png")
-            if image
-            else suffix_for(self._input)
-        )
+        self._suffix = _picture_suffix(self._input) or suffix_for(self._input)
 
     def pair(self, *, whole: bool = False) -> FilePair:
         """Input and output; the output with the `whole` name of the input in its own, or without its suffix."""
@@ -364,6 +360,20 @@ class _OutputNamer:
         return (
             remote.join(remote.folder_of(self._url), name) if self._url else str(self._input.with_name(name))
         )
+
+
+def _picture_suffix(path: Path) -> str:
+    """The suffix of the output for a picture or several: the input's own where that can be written; "" for a video."""
+    kind, suffix = "image" if path.is_dir() else kind_of(path), path.suffix.lower()
+    if kind == "video":
+        return ""
+    written = {
+        "image": can_write(suffix) or suffix == ".gif",
+        "animation": suffix in FORMS,
+        "pages": suffix in PAGES,
+    }
+    others = {"image": ".png", "animation": ".webp", "pages": ".tif"}
+    return path.suffix if path.is_dir() or written[kind] else others[kind]
 
 
 def _apart(namers: Sequence[_OutputNamer]) -> list[FilePair]:

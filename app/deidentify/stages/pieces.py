@@ -13,7 +13,7 @@ from guise.app.deidentify.stages.case import Case
 from guise.app.media import Frame, MediaInput, Sink, open_input, open_sink
 from guise.app.media.input import VideoInput
 from guise.app.media.packets import PacketSink, assemble, read_packets
-from guise.app.media.sink import check_free
+from guise.app.media.sink import check_free, is_animation
 from guise.app.media.synthetic import synthetic_tags
 
 
@@ -45,8 +45,13 @@ def publish(case: Case, output: Path, *, force: bool) -> None:
         return
     with open_input(case.input) as media:
         check_free(output, media, force)
-        if isinstance(media, VideoInput):
-            parts = [_piece(case, k) for k in range(len(case.scan.segments))]
+        parts = [_piece(case, k) for k in range(len(case.scan.segments))]
+        if isinstance(media, VideoInput) and is_animation(_made(case), media):
+            with open_sink(_made(case), media, options.encode, force=True, tags=synthetic_tags()) as sink:
+                for part in parts:
+                    for frame in read_packets(part):
+                        sink.write(frame)
+        elif isinstance(media, VideoInput):
             assemble(
                 _made(case), media, parts, options.encode, tags=synthetic_tags(),
                 private=not options.keep_metadata, audio=options.audio, force=True,
