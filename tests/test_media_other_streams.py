@@ -12,6 +12,7 @@ from PIL import Image
 from recordings import SAMPLES, Adding, record, times, with_streams
 
 from guise.app.media import EncodeOptions, open_input, open_sink, process
+from guise.app.media.stream_copies import suffix_for
 
 FAST = {
     "libx264": EncodeOptions(preset="ultrafast", crf=40),
@@ -143,3 +144,8 @@ def test_a_time_code_is_carried_where_it_is_one(tmp_path: Path, suffix: str, cod
     good = code in ("01:00:00:00", "10:59:59;29")
     assert found == ({code} if good and suffix != ".ts" else set())
     assert len(notes) == (code != "no code" and not found)
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv", ".webm"])
+def test_a_video_without_other_streams_keeps_its_container(tmp_path: Path, suffix: str) -> None:
+    assert suffix_for(tmp_path / f"silent{suffix}", "libvpx-vp9") == suffix
