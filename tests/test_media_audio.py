@@ -137,7 +137,7 @@ def test_real_speech_stays_in_step(tmp_path: Path) -> None:
         pytest.skip(f"{clip} is not there")
     parts = [tmp_path / "0.packets"]
     with open_input(clip) as source:
-        with PacketSink(parts[0], source, FAST) as sink:
+        with PacketSink(parts[0], source, FAST, parts[0]) as sink:
             sink.write(next(iter(source)))
         assemble(tmp_path / "out.mp4", source, parts, FAST, tags={}, private=True, audio="mask")
     (old, rate, start), (new, _, new_start) = hear(clip), hear(tmp_path / "out.mp4")

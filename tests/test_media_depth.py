@@ -22,7 +22,7 @@ from guise.app.media.deep_frame import DeepFrame, frame_of
 from guise.app.media.frame import plane_arrays
 from guise.app.media.hdr import light_levels
 from guise.app.media.orientation import Orientation
-from guise.app.media.packets import PacketSink, read_packets
+from guise.app.media.packets import PacketSink, assemble, read_packets
 from guise.app.media.pixel_formats import DEEP_FORMATS, NATIVE_FORMATS, depth, least_loss, nearest_format
 from guise.app.media.rendition import HLG, PQ, WHITE_NITS, rendition_of
 from guise.app.swapping.cover import cover
@@ -290,14 +290,44 @@ def test_what_an_encoder_cannot_keep_of_hdr_is_said_with_that_word(
 
 
 def test_pieces_keep_ten_bits(tmp_path: Path) -> None:
-    clip = make(tmp_path / "in.mp4", "libx265", "yuv420p10le", 3, PQ, GRADED)
+    clip, output = make(tmp_path / "in.mp4", "libx265", "yuv420p10le", 3, PQ, GRADED), tmp_path / "out.mp4"
+    options, parts = EncodeOptions(preset="ultrafast", lossless=True), [tmp_path / "0", tmp_path / "1"]
     with open_input(clip) as media:
-        with PacketSink(
-            tmp_path / "piece", media, EncodeOptions("libx265", preset="ultrafast", lossless=True)
-        ) as sink:
-            for frame in media:
-                sink.write(painted(frame))
-        same_beside_the_square(clip, list(read_packets(tmp_path / "piece")))
+        frames = [painted(frame.copy()) for frame in media]
+        for part, some in zip(parts, (frames[:2], frames[2:]), strict=True):
+            with PacketSink(part, media, options, output) as sink:
+                for frame in some:
+                    sink.write(frame)
+        assemble(output, media, parts, options, tags={}, private=True)
+    same_beside_the_square(clip, [frame for part in parts for frame in read_packets(part)])
+    same_beside_the_square(clip, read(output))
+    with open_input(output) as media:
+        assert media.light_levels is not None
+        assert media.light_levels.content == (1000, 400)
+
+
+@pytest.mark.parametrize(
+    ("made_by", "fmt", "suffix", "codec"),
+    [
+        ("libx265", "yuv420p10le", ".mp4", "hevc"),
+        ("libx265", "yuv420p10le", ".webm", "av1"),
+        ("libx265", "yuv420p", ".mp4", "h264"),
+        ("libx265", "yuv420p", ".webm", "vp9"),
+        ("ffv1", "yuva420p", ".webm", "vp9"),
+        ("ffv1", "yuva444p10le", ".mov", "prores"),
+        ("qtrle", "argb", ".mp4", "h264"),
+    ],
+)
+def test_what_is_written_unless_an_encoder_is_named(
+    tmp_path: Path, made_by: str, fmt: str, suffix: str, codec: str
+) -> None:
+    clip = make_alpha(tmp_path / "in.mov" if made_by == "qtrle" else tmp_path / "in.mkv", made_by, fmt)
+    problems = drawn(clip, tmp_path / f"out{suffix}", EncodeOptions())
+    with av.open(str(tmp_path / f"out{suffix}")) as written:
+        (stream,) = written.streams.video
+        assert stream.codec_context.codec.canonical_name == codec
+        assert depth(next(written.decode(stream)).format.name) >= min(depth(fmt), 10)
+    assert len([problem for problem in problems if "ransparency" in problem]) == (fmt == "argb")
 
 
 @pytest.mark.parametrize(

@@ -31,6 +31,7 @@ from guise.app.media.packets import PacketSink, assemble, decoding_times, read_p
 from guise.app.media.segments import read_frames, scan
 from guise.app.media.stream_copies import Audio
 
+OUTPUT = Path("out.mp4")  # that the pieces are for
 TAGS = {"comment": "synthetic face"}
 
 
@@ -40,7 +41,7 @@ def make_pieces(clip: Path, folder: Path, options: EncodeOptions, length: int = 
     parts = [folder / f"{piece.index}.packets" for piece in found.segments]
     with open_input(clip) as source:
         for piece in reversed(found.segments):
-            with PacketSink(parts[piece.index], source, options) as sink:
+            with PacketSink(parts[piece.index], source, options, OUTPUT) as sink:
                 for frame in read_frames(clip, found, piece.first, piece.end):
                     paint(frame)
                     sink.write(frame)
@@ -178,7 +179,7 @@ def test_an_empty_piece_is_nothing(tmp_path: Path) -> None:
     clip = make_clip(tmp_path / "in.mp4", UNEVEN)
     [part] = make_pieces(clip, tmp_path, FAST)
     with open_input(clip) as source:
-        with PacketSink(tmp_path / "empty.packets", source, FAST):
+        with PacketSink(tmp_path / "empty.packets", source, FAST, OUTPUT):
             pass
         parts = [part, tmp_path / "empty.packets"]
         assemble(tmp_path / "out.mp4", source, parts, FAST, tags={}, private=True)
@@ -191,7 +192,7 @@ def test_an_error_leaves_no_piece_and_no_output(tmp_path: Path) -> None:
     with open_input(clip) as source:
         frame = next(iter(source))
         with pytest.raises(ValueError, match="frame times must ascend"):
-            write_all(PacketSink(tmp_path / "a.packets", source, FAST), [frame, frame])
+            write_all(PacketSink(tmp_path / "a.packets", source, FAST, OUTPUT), [frame, frame])
     assert list(tmp_path.iterdir()) == [clip]
 
 

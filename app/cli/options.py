@@ -234,7 +234,12 @@ def takes(command: Callable[..., Any]) -> Callable[..., Any]:
 class EncodeChoices:
     """How a video is encoded, as a user says it; see `guise.app.media.EncodeOptions`, which takes long to import."""
 
-    encoder: str = option("libx264", "Video encoder, such as libx264, libx265, ffv1.", metavar="NAME")
+    encoder: str = option(
+        "auto",
+        "Video encoder, such as libx264, libx265, ffv1. auto: libx264, or libx265 for more than 8 bits; in .webm VP9 "
+        "or AV1; ProRes for transparency in .mov.",
+        metavar="NAME",
+    )
     crf: int | None = option(
         None,
         "Constant rate factor; lower is better and larger. Default: as fine as the input, from 15 to 20.",

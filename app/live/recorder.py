@@ -232,7 +232,7 @@ class _RecordingFile(VideoOutput):
     def __init__(
         self, path: Path, media: MediaInput, encode: EncodeOptions, *, force: bool, with_sound: bool
     ) -> None:
-        encoding = encoding_for(media, encode)
+        encoding = encoding_for(media, encode, path)
         self.with_sound = with_sound
         super().__init__(
             path, media, encoding, force=force, tags=synthetic_tags(), private=False, audio="keep"

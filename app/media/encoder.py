@@ -6,7 +6,7 @@ import contextlib
 import os
 import platform
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -19,7 +19,7 @@ from av.codec.codec import UnknownCodecError
 from av.video.codeccontext import VideoCodecContext
 
 from guise.app.media.errors import MediaError
-from guise.app.media.pixel_formats import has_alpha, least_loss
+from guise.app.media.pixel_formats import SHALLOW, depth, has_alpha, least_loss
 
 _SUGGESTED = ("libx264", "libx265", "libsvtav1", "libvpx-vp9", "ffv1")
 _X26X = frozenset({"libx264", "libx264rgb", "libx265"})
@@ -29,9 +29,12 @@ _X26X_PRESETS = (
 _ALWAYS_LOSSLESS = frozenset({"ffv1", "huffyuv", "ffvhuff", "utvideo", "png", "rawvideo"})
 _QSCALE = frozenset({"mpeg4", "mpeg2video", "mpeg1video", "mjpeg", "msmpeg4v2", "msmpeg4", "h263", "flv"})
 _EVEN_ONLY = frozenset({"libx264", "libx265", "libopenh264", "libsvtav1"})
+_WITH_ALPHA = {".webm": "libvpx-vp9", ".mkv": "libvpx-vp9", ".mov": "prores_ks"}
+_WITH_HEVC = frozenset({".mp4", ".m4v", ".mov", ".mkv", ".ts", ".mts", ".m2ts"})
 _HARDWARE = frozenset({"nvenc", "qsv", "vaapi", "amf", "videotoolbox"})  # ends of names
 # The rate control of x264 165 differs from run to run with AVX-512, and between machines by their instruction sets.
 _COMMON_INSTRUCTIONS = "asm=sse2fast,sse4.2"
+AUTO = "auto"
 _DEFAULT_PRESET, _USUAL_CRF = "veryfast", 20
 
 
@@ -39,10 +42,11 @@ _DEFAULT_PRESET, _USUAL_CRF = "veryfast", 20
 class EncodeOptions:
     """How to encode: encoder name, constant rate factor 0..63 (lower is better), preset, or lossless.
 
+    encoder : AUTO is what suits the pictures and the output's container, see `chosen_encoder`.
     crf : None is about as finely as the input is coded, see `coded_quality.py`.
     """
 
-    encoder: str = "libx264"
+    encoder: str = AUTO
     crf: int | None = None
     preset: str = _DEFAULT_PRESET
     lossless: bool = False
@@ -86,6 +90,30 @@ def find_encoder(name: str) -> av.Codec:
             f"Encoder {name!r} makes {codec.type}, not video: use one of {available_encoders()}."
         )
     return codec
+
+
+def check_options(options: EncodeOptions) -> None:
+    """Raise MediaError for an encoder that does not exist, or settings that it does not have."""
+    if options.encoder == AUTO:
+        options = replace(options, encoder="libx264")
+    find_encoder(options.encoder)
+    encoder_settings(options)
+
+
+def chosen_encoder(suffix: str, fmt: str) -> str:
+    """The encoder for pictures of a native format in a file with a suffix.
+
+    >>> chosen_encoder(".mp4", "yuv420p"), chosen_encoder(".mp4", "yuv420p10le"), chosen_encoder(".webm", "yuva420p")
+    ('libx264', 'libx265', 'libvpx-vp9')
+    """
+    deep, suffix = depth(fmt) > SHALLOW, suffix.lower()
+    if has_alpha(fmt) and suffix in _WITH_ALPHA:
+        name = _WITH_ALPHA[suffix]
+    elif suffix == ".webm":
+        name = "libsvtav1" if deep else "libvpx-vp9"
+    else:
+        name = "libx265" if deep and suffix in _WITH_HEVC else "libx264"
+    return name if find_codec(name, "w") else "libx264"
 
 
 def available_encoders() -> str:

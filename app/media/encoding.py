@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from pathlib import Path
 
 import av
 import numpy as np
@@ -15,16 +16,18 @@ from av.video.frame import PictureType
 from guise.app.media import colour
 from guise.app.media.coded_quality import crf_like
 from guise.app.media.encoder import (
+    AUTO,
     EncodeOptions,
+    chosen_encoder,
     encoded_size,
     encoder_format,
     encoder_settings,
     find_encoder,
 )
 from guise.app.media.errors import MediaError
-from guise.app.media.frame import Frame, clone_video_frame, is_transparent
+from guise.app.media.frame import Frame, clone_video_frame
 from guise.app.media.hardware import working_encoder
-from guise.app.media.hdr import dynamic_metadata, hdr_name, light_levels, merged
+from guise.app.media.hdr import hdr_name, merged
 from guise.app.media.input import MediaInput, VideoInput
 from guise.app.media.orientation import AS_STORED, Orientation
 from guise.app.media.pixel_formats import depth, has_alpha
@@ -156,14 +159,19 @@ class Encoding:
 
 
 def encoding_for(
-    media: MediaInput, options: EncodeOptions, size: tuple[int, int] | None = None, *, threads: int = 0,
-    captions: bool = True,
+    media: MediaInput, options: EncodeOptions, output: Path, size: tuple[int, int] | None = None, *,
+    threads: int = 0, captions: bool = True,
 ) -> Encoding:  # fmt: skip
     """The encoding for an input; what the encoder cannot keep is noted in the input's problems.
 
+    output : the file that is written in the end; its suffix is that of the container.
     size : (width, height) of the frames if it differs from the input's.
     captions : whether encoders that can write closed captions keep those in the pictures.
     """
+    if options.encoder == AUTO:
+        fmt = media.first_picture.format.name if isinstance(media, VideoInput) and size is None else "yuv420p"
+        fmt = fmt if _needs_alpha(media) else fmt.replace("yuva", "yuv")
+        options = replace(options, encoder=chosen_encoder(output.suffix, fmt))
     options = working_encoder(options, media.problems.note)
     codec = find_encoder(options.encoder)
     options = replace(options, encoder=codec.name)  # "h264" finds libx264
@@ -206,10 +214,17 @@ def _note_changes(media: MediaInput, form: PictureFormat, encoder: str) -> None:
             "libx265, libsvtav1 or libx264."
         )
     elif has_alpha(native) and not has_alpha(form.fmt):
-        if is_transparent(media.first_picture) or media.stream.codec_context.name not in _UNUSED_ALPHA:
+        if _needs_alpha(media):
             media.problems.note(f"Transparency was left out, as {encoder} has none: {_WITH_ALPHA}.")
     elif native.replace("yuvj", "yuv") != form.fmt.replace("yuvj", "yuv"):
         media.problems.note(f"Pictures were encoded as {form.fmt}, as {encoder} has no {native}.")
+
+
+def _needs_alpha(media: MediaInput) -> bool:
+    """Whether a video has alpha, and more than a plane of it that is opaque throughout."""
+    if not isinstance(media, VideoInput) or not has_alpha(media.first_picture.format.name):
+        return False
+    return media.stream.codec_context.name not in _UNUSED_ALPHA or media.is_transparent
 
 
 def _light_settings(media: MediaInput, encoder: str, size: tuple[int, int] | None) -> dict[str, str]:
@@ -217,10 +232,10 @@ def _light_settings(media: MediaInput, encoder: str, size: tuple[int, int] | Non
     if size is not None or not isinstance(media, VideoInput):
         return {}
     look = media.first_picture
-    for name in dynamic_metadata(look):
+    for name in media.changing_metadata:
         base = hdr_name(look.color_trc) or "the base layer"
         media.problems.note(f"{name} metadata was left out; the pictures are kept as {base}.")
-    levels = light_levels(look)
+    levels = media.light_levels
     settings = levels.settings(encoder) if levels else {}
     if settings is None:
         media.problems.note(

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from guise.app.media import colour as tags
 from guise.app.media.colour import ColourMatrix, gbr_matrix, yuv_matrix
 from guise.app.media.orientation import AS_STORED, Orientation, Points
-from guise.app.media.pixel_formats import DEEP_FORMATS, NATIVE_FORMATS, depth
+from guise.app.media.pixel_formats import DEEP_FORMATS, NATIVE_FORMATS, depth, has_alpha
 from guise.common.sampling import remap_points
 
 if TYPE_CHECKING:
@@ -355,7 +355,9 @@ def plane_arrays(video: av.VideoFrame) -> tuple[NDArray[Any], ...]:
 
 
 def is_transparent(video: av.VideoFrame) -> bool:
-    """Whether any pixel of a native frame with alpha is not opaque."""
+    """Whether any pixel of a native frame is not opaque."""
+    if not has_alpha(video.format.name):
+        return False
     alpha = plane_arrays(video)[-1]
     return bool(alpha.min() < (1 << depth(video.format.name)) - 1)
 

@@ -69,7 +69,7 @@ def light_levels(picture: av.VideoFrame) -> LightLevels | None:
     return LightLevels(points, (most[0], most[1]) if most else None) if points or most else None
 
 
-def dynamic_metadata(picture: av.VideoFrame) -> list[str]:
+def changing_metadata(picture: av.VideoFrame) -> list[str]:
     """Names of metadata that change from picture to picture, which no encoder here writes."""
     kinds = {
         "Dolby Vision's": ("DOVI_RPU_BUFFER", "DOVI_METADATA"),

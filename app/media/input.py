@@ -20,8 +20,9 @@ from guise.app.media.coded_quality import quantiser
 from guise.app.media.deep_frame import frame_of
 from guise.app.media.errors import MediaError, UnreadableError
 from guise.app.media.file_kind import FileKind, kind_of
-from guise.app.media.frame import Frame
+from guise.app.media.frame import Frame, is_transparent
 from guise.app.media.hardware import HardwareDecoder, working_decoder
+from guise.app.media.hdr import changing_metadata, light_levels
 from guise.app.media.images import DeepImage, eight_bits, list_images, read_deep
 from guise.app.media.orientation import AS_STORED, Orientation, parse_display_matrix
 from guise.app.media.reader import (
@@ -106,6 +107,8 @@ class VideoInput(MediaInput):
     """A video file.  On the next pass, the other streams' packets go to the sink that asked for them.
 
     quantiser : mean (0..51) of the first picture, where its decoder tells.
+    light_levels, changing_metadata : what HDR pictures say beside their pixels, see `hdr.py`.
+    is_transparent : whether any pixel of the first picture is not opaque.
     clock : on which all passes put all streams.
     """
 
@@ -127,6 +130,9 @@ class VideoInput(MediaInput):
             self.first_picture = self._prime()
             self.interlaced = bool(self.first_picture.interlaced_frame)
             self.quantiser = quantiser(self.first_picture)
+            self.light_levels = light_levels(self.first_picture)
+            self.changing_metadata = changing_metadata(self.first_picture)
+            self.is_transparent = is_transparent(self.first_picture)
             self._read_properties()
         except BaseException:
             self.close()

@@ -60,9 +60,9 @@ class PacketSink(Sink):
 
     needs_frames = False
 
-    def __init__(self, path: Path, media: MediaInput, options: EncodeOptions) -> None:
+    def __init__(self, path: Path, media: MediaInput, options: EncodeOptions, output: Path) -> None:
         super().__init__(path, force=True)
-        self._encoding = encoding_for(media, options, threads=ENCODER_THREADS, captions=False)
+        self._encoding = encoding_for(media, options, output, threads=ENCODER_THREADS, captions=False)
         self._context = _encoder(self._encoding)
         self._last: Fraction | None = None
         self._entries: list[_Entry] = []
@@ -213,7 +213,7 @@ def assemble(
     """
     check_free(output, media, force)
     pieces = [_Piece(part) for part in parts]
-    encoding = encoding_for(media, options, threads=ENCODER_THREADS, captions=False)
+    encoding = encoding_for(media, options, output, threads=ENCODER_THREADS, captions=False)
     with _Assembly(output, media, encoding, force=force, tags=tags, private=private, audio=audio) as whole:
         whole.mux(media, [piece for piece in pieces if piece.entries])
 

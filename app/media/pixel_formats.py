@@ -9,6 +9,7 @@ import av
 from av.video.format import VideoFormat
 
 _SHIFTS = {"420": (1, 1), "422": (1, 0), "444": (0, 0)}
+SHALLOW = 8  # bits of a component
 _DEPTHS = (9, 10, 12, 14, 16)  # bits of a component, of those with more than 8
 _ALPHA_DEPTHS = (9, 10, 12, 16)
 
@@ -41,7 +42,7 @@ def depth(name: str) -> int:
     >>> depth("yuv420p"), depth("yuv422p10le")
     (8, 10)
     """
-    return max((part.bits for part in VideoFormat(name).components), default=8)
+    return max((part.bits for part in VideoFormat(name).components), default=SHALLOW)
 
 
 def has_alpha(name: str) -> bool:
@@ -53,9 +54,9 @@ def nearest_format(picture: av.VideoFrame) -> str:
     """The native pixel format that keeps the most of a picture's own."""
     fmt = picture.format
     parts = fmt.components
-    bits = min((one for one in (8, *_DEPTHS) if one >= depth(fmt.name)), default=16)
+    bits = min((one for one in (SHALLOW, *_DEPTHS) if one >= depth(fmt.name)), default=16)
     alpha = any(part.is_alpha for part in parts)
-    deep = "" if bits == 8 else f"{bits}le"
+    deep = "" if bits == SHALLOW else f"{bits}le"
     if not fmt.is_rgb and not fmt.has_palette and len(parts) < 3 and not alpha:
         return f"gray{deep}"
     kind = "444"

@@ -205,7 +205,7 @@ class VideoSink(VideoOutput):
         self, path: Path, media: MediaInput, options: EncodeOptions, *, force: bool = False,
         tags: Mapping[str, str] = _NO_TAGS, size: tuple[int, int] | None = None, private: bool = False,
     ) -> None:  # fmt: skip
-        encoding = encoding_for(media, options, size, captions=not private)
+        encoding = encoding_for(media, options, path, size, captions=not private)
         super().__init__(path, media, encoding, force=force, tags=tags, private=private, audio="keep")
         self._last: Fraction | None = None
         if isinstance(media, VideoInput):

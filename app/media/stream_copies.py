@@ -16,6 +16,7 @@ from av.audio.stream import AudioStream
 from av.container import OutputContainer
 from av.stream import Stream
 
+from guise.app.media.encoder import AUTO
 from guise.app.media.errors import MediaError
 from guise.app.media.input import MediaInput, VideoInput
 from guise.app.media.new_audio import NewAudio, Voice, named_layout, sound_encodings
@@ -264,7 +265,7 @@ def can_hold(suffix: str, copied: Sequence[Stream], encoder: str = "") -> bool:
     try:
         with av.open(f"probe{suffix}", "w") as container:  # opens no file until its header is written
             if encoder:
-                container.add_stream(encoder, 25)
+                container.add_stream("libx264" if encoder == AUTO else encoder, 25)
             name = container.format.name
     except (ValueError, av.error.FFmpegError):
         return False

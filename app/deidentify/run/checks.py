@@ -8,7 +8,7 @@ from pathlib import Path
 
 from guise.aam.landmarks import open_detector
 from guise.app.deidentify.options import DeidentifyError, DeidentifyOptions
-from guise.app.media.encoder import encoder_settings, find_encoder
+from guise.app.media.encoder import check_options
 from guise.app.media.provenance import check_signing
 from guise.app.swapping.donors import (
     AVERAGE_PREFIX,
@@ -34,8 +34,7 @@ def checked(options: DeidentifyOptions, outputs: Iterable[Path]) -> DeidentifyOp
     MediaError, ModelError, RendererError, LandmarkError, DeidentifyError
         When something in them does not exist or can't be used; one sentence.
     """
-    find_encoder(options.encode.encoder)
-    encoder_settings(options.encode)
+    check_options(options.encode)
     if options.renderer == "gl" and isinstance(found := probe_gl(), GLMissing):
         raise RendererError(found.reason)
     named = tuple(Path(face_spec(str(face))) for face in options.gallery)

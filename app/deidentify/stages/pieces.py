@@ -20,7 +20,7 @@ from guise.app.media.synthetic import synthetic_tags
 def open_piece(case: Case, media: MediaInput, segment: int) -> Sink:
     """The sink for the frames of a segment."""
     if isinstance(media, VideoInput):
-        return PacketSink(_piece(case, segment), media, case.options.encode)
+        return PacketSink(_piece(case, segment), media, case.options.encode, _made(case))
     made = _made(case)
     if made.is_dir():
         shutil.rmtree(made)
