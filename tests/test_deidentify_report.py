@@ -175,6 +175,13 @@ def test_the_exit_code_and_the_sentence(done: list[int], audit: Any, code: int, 
     assert (outcome(report), verdict(report)) == (code, sentence)
 
 
+def test_a_damaged_input_is_never_verified() -> None:
+    whole = report_of(outcome_of(1, [0] * 40))
+    damaged = replace(whole, damaged=True)
+    assert (outcome(whole), outcome(damaged)) == (0, 3)
+    assert verdict(damaged) == f"{verdict(whole)} The input is damaged, see the problems: not verified."
+
+
 def test_frames_before_the_first_face_need_no_verification() -> None:
     assert outcome(report_of(outcome_of(1, [0] * 5, first=35))) == 0
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 from pathlib import Path
+from unittest.mock import patch
 
 import cv2
 import numpy as np
@@ -65,15 +66,12 @@ def test_tiles_are_one_picture(
     data = grid_file(tiles, size, form, bits=10 if deep else 8, properties=properties)
     shown = np.rot90(image[: size[0], : size[1]], turn)
     shown = shown if mirror is None else np.flip(shown, mirror)
-    path = Path("/tmp") / "unused"
-    read = _read(data, path)
+    read = _read(data, Path("unused.heic"))
     assert apart(read.pixels, shown) < 2
     assert (read.bits, read.depth) == ((16, 10) if deep else (8, None))
 
 
 def _read(data: bytes, path: Path) -> DeepImage:
-    from unittest.mock import patch
-
     with patch.object(Path, "read_bytes", lambda self: data):
         return read_deep(path)
 
@@ -90,7 +88,7 @@ def test_depth_alpha_and_profile_are_kept(
     cover = smooth(height, width, dtype, seed=1)[..., 0] if alpha else None
     depth = 10 if deep and suffix != ".jp2" else None
     image = DeepImage(smooth(height, width, dtype), cover, _profile(), depth)
-    read = _read(encode_deep(image, suffix, TAGS), Path("/tmp/unused"))
+    read = _read(encode_deep(image, suffix, TAGS), Path("unused.heic"))
     assert apart(read.pixels, image.pixels) < 3
     assert (read.depth, read.profile) == (image.depth, image.profile)
     assert (read.alpha is None) == (cover is None)
@@ -108,7 +106,7 @@ def _profile() -> bytes:
 @pytest.mark.parametrize("suffix", [".heic", ".avif"])
 def test_wide_and_hdr_colours_are_told_on(suffix: str, code_points: tuple[int, int]) -> None:
     image = DeepImage(smooth(32, 32, np.uint16), depth=10, code_points=code_points)
-    assert _read(encode_deep(image, suffix, {}), Path("/tmp/unused")).code_points == code_points
+    assert _read(encode_deep(image, suffix, {}), Path("unused.heic")).code_points == code_points
 
 
 def test_heif_files_are_what_other_readers_take_them_for(tmp_path: Path) -> None:
@@ -130,7 +128,7 @@ def test_a_damaged_heif_file_is_one_sentence(suffix: str) -> None:
         data[at : at + 4] = rng.bytes(4)
         for damaged in (bytes(data), whole[: int(rng.integers(20, len(whole)))]):
             with contextlib.suppress(MediaError):
-                _read(damaged, Path("/tmp/x.heic"))
+                _read(damaged, Path("unused.heic"))
 
 
 def test_a_folder_takes_every_picture_and_says_what_it_skips(tmp_path: Path) -> None:
@@ -161,12 +159,40 @@ def test_a_camera_raw_picture_is_refused_in_a_sentence(tmp_path: Path) -> None:
         open_input(path)
 
 
-def test_a_cut_jpeg_is_read_as_far_as_it_goes_and_said_to_be_damaged(tmp_path: Path) -> None:
-    data = encode_deep(DeepImage(smooth(64, 64)), ".jpg", {})
-    (tmp_path / "a.jpg").write_bytes(data[: len(data) * 2 // 3])
+@pytest.mark.parametrize(
+    ("kept", "words"), [(0.7, "what cannot be read of it is grey"), (1, "parts of it may be wrong")]
+)
+def test_a_damaged_jpeg_is_read_as_far_as_it_goes_and_told(tmp_path: Path, kept: float, words: str) -> None:
+    data = bytearray(encode_deep(DeepImage(np.repeat(smooth(64, 64), 4, axis=0)), ".jpg", {}))
+    if kept == 1:
+        data[len(data) // 2 : len(data) // 2 + 500] = bytes(500)
+    (tmp_path / "a.jpg").write_bytes(data[: int(kept * len(data))])
     with open_input(tmp_path / "a.jpg") as source:
         assert isinstance(next(iter(source)), Frame)
-        assert source.problems == ["a.jpg is damaged: what cannot be read of it is grey."]
+        assert source.problems == source.problems.damage == [f"a.jpg is damaged: {words}."]
+
+
+@given(
+    mode=st.sampled_from(["RGB", "L", "CMYK"]), progressive=st.booleans(), quality=st.integers(5, 100),
+    subsampling=st.integers(0, 2), restart=st.integers(0, 3), size=st.tuples(st.integers(8, 70), st.integers(8, 70)),
+)  # fmt: skip
+@settings(max_examples=40, deadline=None)
+def test_a_whole_jpeg_of_any_kind_is_not_called_damaged(
+    mode: str, progressive: bool, quality: int, subsampling: int, restart: int, size: tuple[int, int]
+) -> None:
+    held = io.BytesIO()
+    Image.fromarray(smooth(*size)).convert(mode).save(
+        held,
+        "JPEG",
+        progressive=progressive,
+        quality=quality,
+        subsampling=subsampling,
+        restart_marker_blocks=restart,
+    )
+    told: list[str] = []
+    with patch.object(Path, "read_bytes", lambda self: held.getvalue()):
+        read_deep(Path("a.jpg"), told.append)
+    assert told == []
 
 
 @pytest.mark.skipif(not CASES.is_dir(), reason="the files that fail are not here")

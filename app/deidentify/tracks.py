@@ -136,7 +136,8 @@ class FileReport:
     counts : frames by their worst face: "swapped" (all faces swapped), "covered" (some covered), "left" (some left as
         the user said), "without face".
     settings : what was asked for, as JSON holds it.
-    problems : sentences about damage in the input that was tolerated.
+    problems : sentences about what was tolerated in the input, or could not be kept.
+    damaged : whether parts of the input could not be read, so that faces in them may be in the output unseen.
     wall_seconds : time of the work.
     searched : number of frames that the audit searched for faces in another way than the first stage.
     digest : SHA-256 of the output file in hexadecimal digits, so that a signed report is of this file; "" for a folder.
@@ -157,3 +158,4 @@ class FileReport:
     wall_seconds: float = 0.0
     digest: str = ""
     searched: int = 0
+    damaged: bool = False

@@ -48,7 +48,7 @@ class Pictures:
                 yield picture
                 read += 1
         except _UNREADABLE:
-            self.problems.note(
+            self.problems.note_damage(
                 f"{self.path.name} is damaged after {read} of its pictures; the rest is missing."
             )
 

@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import av
+import av.error
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -155,7 +157,23 @@ def read_deep(path: Path, note: Note = _ignored) -> DeepImage:
         image = _by_pillow(path, data)
         if form not in ("", "other"):
             note(f"{path.name} is damaged: what cannot be read of it is grey.")
+    elif form == "jpeg" and _is_damaged(data):
+        note(f"{path.name} is damaged: parts of it may be wrong.")
     return image
+
+
+def _is_damaged(data: bytes) -> bool:
+    """Whether a JPEG file holds what no coder writes: FFmpeg says so, OpenCV patches it up."""
+    context: Any = av.CodecContext.create("mjpeg", "r")
+    context.options, context.thread_count = {"err_detect": "explode"}, 1
+    try:
+        return any(
+            picture.is_corrupt for picture in [*context.decode(av.Packet(data)), *context.decode(None)]
+        )
+    except av.error.InvalidDataError:
+        return True
+    except av.error.FFmpegError:  # a form of JPEG that it does not know
+        return False
 
 
 def _is_raw(data: bytes) -> bool:

@@ -266,11 +266,13 @@ class ImageInput(MediaInput):
         index = 0
         for file in self.files:
             try:
-                image = read_deep(file, self.problems.note)
+                image = read_deep(file, self.problems.note_damage)
             except MediaError as error:
                 if self.kind == "image":
                     raise
-                self.problems.note(f"{str(error).rstrip('.').replace(str(file), file.name)}; it was skipped.")
+                self.problems.note_damage(
+                    f"{str(error).rstrip('.').replace(str(file), file.name)}; it was skipped."
+                )
                 continue
             if image.bits != 8:
                 self.problems.note(
@@ -304,7 +306,7 @@ class AnimationInput(MediaInput):
         self.pictures = Pictures(path, kind, self.problems)
         first = next(iter(self), None)
         if first is None:
-            raise MediaError(f"{path} holds no picture that can be read: {self.problems[0]}")
+            raise MediaError(f"{path} is damaged: none of its pictures can be read.")
         self.width, self.height = first.width, first.height
         self.frame_rate = 1 / (first.duration * self.time_base) if first.duration else IMAGES_PER_SECOND
         self.frame_count = self.pictures.count

@@ -52,9 +52,22 @@ LIMITS = ReadingLimits()
 
 
 class ProblemLog(list[str]):
-    """What went wrong without ending the work: each sentence once, and a count beyond the limit."""
+    """What went wrong without ending the work: each sentence once, and a count beyond the limit.
+
+    damage : those sentences that tell of parts of the input that could not be read.
+    """
 
     unlisted = 0
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.damage: list[str] = []
+
+    def note_damage(self, sentence: str) -> None:
+        """Add a sentence about a part of the input that could not be read."""
+        if sentence not in self:
+            self.damage.append(sentence)
+        self.note(sentence)
 
     def note(self, sentence: str) -> None:
         """Add a sentence unless it is there already."""
@@ -68,8 +81,9 @@ class ProblemLog(list[str]):
 
     def add(self, sentences: Iterable[str]) -> None:
         """Note each of several sentences."""
+        damage = sentences.damage if isinstance(sentences, ProblemLog) else []
         for sentence in sentences:
-            self.note(sentence)
+            (self.note_damage if sentence in damage else self.note)(sentence)
 
 
 def open_container(path: Path, device: str | None = None) -> InputContainer:
@@ -257,7 +271,7 @@ class VideoReader(Closing):
                 return
             except av.error.FFmpegError as error:
                 failures += 1
-                self.problems.note(
+                self.problems.note_damage(
                     f"The file is damaged after {self._clock()} ({reason(error)}); parts may be missing."
                 )
         flush: AnyPacket = Packet()
@@ -273,7 +287,7 @@ class VideoReader(Closing):
             return
         except av.error.FFmpegError as error:
             self.damaged = True
-            self.problems.note(
+            self.problems.note_damage(
                 f"A damaged video packet at {self._clock(packet.pts)} was skipped ({reason(error)})."
             )
             return
@@ -282,7 +296,7 @@ class VideoReader(Closing):
                 continue  # it refers to pictures before the keyframe at which decoding started
             if picture.is_corrupt:
                 self.damaged = True
-                self.problems.note(
+                self.problems.note_damage(
                     f"The picture at {self._clock(picture.pts)} is damaged in the input and was patched up."
                 )
             yield self._prepare(picture)
@@ -290,10 +304,12 @@ class VideoReader(Closing):
     def _report_missing_end(self) -> None:
         missing = sum(1 for pts in self._recent if self._last is not None and pts > self._last)
         if missing:
-            self.problems.note(f"The last {missing} pictures, after {self._clock()}, could not be decoded.")
+            self.problems.note_damage(
+                f"The last {missing} pictures, after {self._clock()}, could not be decoded."
+            )
         announced, reached = self._announced_end(), self._reached_end()
         if announced is not None and reached < announced - LIMITS.max_missing_seconds:
-            self.problems.note(
+            self.problems.note_damage(
                 f"The file ends at {float(reached):.2f} s, but its header announces {float(announced):.2f} s."
             )
 

@@ -82,11 +82,12 @@ def write_batch(path: Path, entries: Sequence[BatchEntry]) -> None:
 def outcome(report: FileReport) -> int:
     """The exit code.
 
-    0: all swapped or left as the user said.  3: some covered, or frames not verified.  1: a face may be visible.
+    0: all swapped or left as the user said.  3: some covered, or not verified.  1: a face may be visible.
     """
     if any(not finding.covered for finding in report.audit):
         return FAILED
-    return SOME_COVERED if len(frames_with(report, "covered")) or unverified(report) else ALL_SWAPPED
+    partly = len(frames_with(report, "covered")) or unverified(report) or report.damaged
+    return SOME_COVERED if partly else ALL_SWAPPED
 
 
 def verdict(report: FileReport) -> str:
@@ -94,6 +95,11 @@ def verdict(report: FileReport) -> str:
     if seen := [finding.frame for finding in report.audit if not finding.covered]:
         when = clock(float(report.seconds[seen[0]]))
         return f"A face may be visible in the output, first in frame {seen[0]} ({when}): do not share it."
+    return _done(report) + (" The input is damaged, see the problems: not verified." * report.damaged)
+
+
+def _done(report: FileReport) -> str:
+    """What was done, in a sentence or two."""
     swapped, covered, left = (len(frames_with(report, done)) for done in DONE)
     if not swapped + covered + left:
         return f"No face was found in {counted(report.frames, 'frame')}."

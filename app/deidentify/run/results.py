@@ -39,7 +39,8 @@ def report_of(case: Case, names: tuple[str, str], output: Path, seconds: float) 
     names : of input and output.   seconds : that the run took.
     """
     renders = [case.work.load_json(f"render.{k}.json") for k in range(len(case.scan.segments))]
-    problems = [p for k in range(len(case.scan.segments)) for p in case.work.load_json(f"problems.{k}.json")]
+    read = [case.work.load_json(f"problems.{k}.json") for k in range(len(case.scan.segments))]
+    problems = [p for found in read for p in found["all"]]
     problems += [p for r in renders for p in r["problems"]] + case.work.load_json("published.json")
     findings = [
         AuditFinding(a["frame"], tuple(a["box"]), a["score"], a["covered"])
@@ -54,6 +55,7 @@ def report_of(case: Case, names: tuple[str, str], output: Path, seconds: float) 
         tuple(_outcome(plan, n) for n in [*(t.number for t in case.tracks), BYSTANDERS]), tuple(findings),
         _counts(plan, case.scan.frames, covered), {**_settings(case.options), "renderer": renders[0]["renderer"]},
         tuple(dict.fromkeys(problems)), round(seconds, 3), _digest(output), sum(r["searched"] for r in renders),
+        any(found["damage"] for found in read),
     )  # fmt: skip
 
 

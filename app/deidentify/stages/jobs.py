@@ -68,7 +68,7 @@ def detect(case: Case, segment: int) -> None:
     """Find all faces of a segment."""
     piece, problems = case.scan.segments[segment], ProblemLog()
     found = detect_faces(case.frames(piece.first, piece.end, problems))
-    case.work.save_json(f"problems.{segment}.json", list(problems))
+    case.work.save_json(f"problems.{segment}.json", {"all": problems, "damage": problems.damage})
     case.work.save_arrays(f"detect.{segment}.npz", **found.arrays())
 
 
