@@ -89,6 +89,15 @@ def test_white_pupil_and_catch_light_stay(own: F32) -> None:
     assert made[16, 41].min() > 1.8 * made[24, 31].max()
 
 
+@pytest.mark.parametrize(("own", "other"), [(GREEN, BROWN), (BROWN, CYAN), (CYAN, GREEN)])
+def test_a_reflection_on_glasses_is_not_painted(own: F32, other: F32) -> None:
+    glare = (LIDS > 0) & (COLUMNS > 40)
+    source = np.where(glare[..., None], np.float32(250), eye(own, 38, 0.6))
+    made = tint(own, other).apply(source)
+    assert np.abs(made - source)[glare].max() < 1
+    assert np.abs(made - source)[(np.hypot(COLUMNS - 34, ROWS - 20) < 4)].max() > 10
+
+
 @pytest.mark.parametrize("colour", [BROWN, GREEN, CYAN])
 def test_the_same_colours_change_nothing(colour: F32) -> None:
     source = eye(colour, 40)

@@ -107,6 +107,15 @@ def test_the_face_takes_the_tone_of_the_persons_skin() -> None:
     assert_allclose(np.median(made[SKIN] / face()[SKIN], axis=0), 0.8, rtol=0.08)
 
 
+def test_skin_that_is_clipped_to_white_has_the_colour_of_the_frame() -> None:
+    dark = np.float32([0.5, 0.45, 0.4]) * marked(face())
+    seen = np.minimum(np.float32(2.6) * face(), 255)
+    made = lit(light_fitted(dark, seen, person=face()), dark)
+    assert np.median(made[MARK], axis=0).min() > 225
+    assert_allclose(np.median(made[SKIN], axis=0), np.median(seen[SKIN], axis=0), atol=6)
+    assert made[BROWS].mean() < 0.7 * made[SKIN].mean()
+
+
 def test_brows_keep_their_darkness_in_more_light() -> None:
     dim, brow = np.float32(0.4) * face(), BROWS & ~SKIN
     made = lit(light_fitted(dim, face(), person=face()), dim)

@@ -5,8 +5,8 @@ The source's eyeballs show through the drawn lids, so that the gaze, the light a
 irises at rest differ from their own whites, so that neither light counts; a lighter one is painted over it, each ring
 as bright as the same ring of the identity's.  Pixels tell by their colours whether they are iris, but those of one that
 is nearly as light as its white: there all within its radius is painted.  Where irises are, the parsing tells
-(`aam/parsing.py`).  Places in an eye are in its widths, corner to corner, from the middle of its corners, x along them.
-RGB 0..255.
+(`aam/parsing.py`).  What is as bright as a reflection on glasses is no eye and stays.  Places in an eye are in its
+widths, corner to corner, from the middle of its corners, x along them.  RGB 0..255.
 """
 
 from __future__ import annotations
@@ -54,6 +54,8 @@ class TintLimits:
     black_share: float = tuned(0.02, "share of the white", "picture.identity")
     # by which a pixel is brighter than a light iris at least
     catch_light: float = tuned(0.25, "share of the white", "picture.identity")
+    # luma from which and at which a pixel is all reflection: of a lens or of what shines
+    glare: tuple[float, float] = tuned((200.0, 240.0), "grey levels", "picture.identity")
     # limits of the frame's iris over that at rest
     shade: tuple[float, float] = tuned((0.55, 1.1), "ratio", "picture.identity")
     shade_eye_widths: float = tuned(0.04, "eye widths", "picture.identity")  # standard deviation
@@ -153,7 +155,9 @@ class IrisTint:
             return picture
         shown = self._lids * seen
         pixels = picture.reshape(-1, 3)
-        bright = white(pixels[self._inside])
+        inside = pixels[self._inside]
+        matt = inside[inside @ LUMA < LIMITS.glare[0]]
+        bright = white(matt if matt.size else inside)
         colours = (pixels[self._looked_at] / bright).T
         if not self._is_light:
             colours = self._direction @ (1 - colours)
@@ -171,6 +175,7 @@ class IrisTint:
         if not self._is_light:
             change *= self._share(np.asarray(before / bright[:, None], np.float32))
         change *= ramp(there, IRIS_BORDER)
+        change *= 1 - ramp(LUMA @ before, LIMITS.glare)
         changed = pixels.copy()
         changed[near] = (before + change * shown.take(near)).T
         return changed.reshape(picture.shape)

@@ -5,7 +5,8 @@ quotient image of Shashua and Riklin-Raviv 2001), with what is misplaced and wha
 is shown has no part in it, so that no difference between the two people can pass for light: neither a beard nor the
 form of an eye socket shines through.  Means of skin on a coarse grid are divided, over so little of the neighbourhood
 that shadows keep their edges.  One ratio of the two people's skin gives the face the person's tone.  Eyes and
-the inside of the mouth get the light of the whole face, in the tint of the light on whites.  RGB 0..255.
+the inside of the mouth get the light of the whole face, in the tint of the light on whites.  Where the picture is
+clipped to white no ratio tells the light, and the face's skin takes the colour of the frame.  RGB 0..255.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
-from guise.app.drawing.face import BLACK_GREY_LEVELS, COARSE_CELL, MIN_SHARE, FaceInFrame
+from guise.app.drawing.face import BLACK_GREY_LEVELS, COARSE_CELL, MIN_SHARE, FaceInFrame, ramp
 from guise.app.drawing.memory import FaceLight, Memory
 from guise.common.arrays import F32, Bool, Int
 from guise.common.decay import Decay
@@ -34,6 +35,8 @@ class QuotientLightLimits:
 
     # standard deviation of the means that are divided
     width_face_widths: float = tuned(0.025, "face widths", "picture.identity")
+    # means of green, over black, from which and at which skin is white, and nothing tells its light
+    clipped: tuple[float, float] = tuned((236.0, 252.0), "grey levels", "picture.identity")
     memory: Decay = tuned(Decay(0.65), "share", "picture.truth")
 
 
@@ -64,6 +67,8 @@ class QuotientLight:
         self._own, self._at_rest = (np.maximum(texture, 0)[self._skin] for texture in enrolled)
         own_tone, tone = (np.exp(mean(np.log(rgb + BLACK), 0)) for rgb in (self._own, self._at_rest))
         self._tone = np.asarray(own_tone / tone, np.float32)[:, None, None]
+        rest = self._sums(self._at_rest, np.ones(len(self._skin), np.float32))
+        self._skin_at_rest = (self._smoother.means(rest) + BLACK) * self._tone
         self._every = np.ones(len(self._skin), np.float32)
         self._parts = _Parts(reference)
         self._whites = Whites(reference, enrolled, self._skin)
@@ -108,7 +113,11 @@ class QuotientLight:
     def _ratio(self, sums: F32) -> F32:
         """(3, h, w) of the frame's colours over the person's own, from sums (7, h, w) of both and of weights."""
         means = self._smoother.means(sums) + BLACK
-        return np.asarray(means[3:] / means[:3], np.float32)
+        own, now = means[:3], means[3:]
+        ratio = now / own
+        if np.maximum.reduce(now[1], None) > LIMITS.clipped[0]:
+            ratio *= (own / self._skin_at_rest) ** ramp(now[1], LIMITS.clipped)
+        return np.asarray(ratio, np.float32)
 
     def _map(self, ratio: F32) -> F32:
         """(6, h, w) gain and offset that multiply the face's colours, over its black, by a ratio (3, h, w)."""
