@@ -13,6 +13,7 @@ from clips import cut
 from made_up import SAMPLES
 from models import SMALL
 from numpy.typing import NDArray
+from recordings import with_streams
 
 from guise.aam.model import Identity
 from guise.aam.training import TrainingOptions
@@ -126,17 +127,22 @@ def test_headless_keeps_every_frame_and_the_sound(
         assert times[0] == times[1]
 
 
-def test_the_model_of_a_file_is_made_once(
+def test_the_model_of_a_file_is_made_once_and_its_notes_are_said(
     tmp_path: Path, p01: Identity, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    clip = cut("p01", tmp_path / "clip.mp4", 30, clip="talk.mp4")
+    plain = cut("p01", tmp_path / "clip.mp4", 30, clip="talk.mp4")
+    clip = with_streams(
+        tmp_path / "clip.mkv", plain, lambda out: (out.add_attachment("a.ttf", "font/ttf", b"font"), None)
+    )
     points = clip.with_suffix(".npz")
     np.savez(points, landmarks=np.load(CLIP.with_suffix(".npz"))["landmarks"][:30])
     kept.keep(kept.video_key(clip, p01.reference.resolution, kept.video_key(points)), p01)
     person, out = tmp_path / "p01.guise", tmp_path / "out.mp4"
     p01.save(person)
     assert live("--headless", "--input", clip, "--identity", person, "-o", out) == 0
-    assert "enrolling" not in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "enrolling" not in said
+    assert "clip.mkv: Attachment stream" in said
 
 
 @pytest.mark.parametrize(

@@ -136,6 +136,8 @@ def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveRepor
             if options.headless:
                 raise
             stats = pipeline.stats
+        for problem in capture.media.problems if isinstance(capture, FileCapture) else ():
+            say(f"{capture.name}: {problem}")
     files = [
         str(output.path) for output in outputs if isinstance(output, VideoRecorder) and output.is_written
     ]

@@ -236,11 +236,11 @@ class VideoReader(Closing):
                 self.on_packet(packet)
 
     def _last_duration(self, picture: av.VideoFrame) -> int:
-        """Until the end of the stream where that is known, otherwise the average; 0 if unknown."""
+        """Until the end of the stream where the container tells it, otherwise the average; 0 if unknown."""
         assert picture.pts is not None
         end = (self.stream.start_time or 0) + (self.stream.duration or 0)
         end += round(self.clock.shift(self.stream.index) / self.time_base)
-        if end > picture.pts and not self.clock.jumps:
+        if end > picture.pts and "mp4" in self.container.format.name:
             return end - picture.pts
         return self._usual_duration(picture)
 
