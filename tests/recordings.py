@@ -16,6 +16,7 @@ _CODECS = {
     ".mpg": ("mpeg2video", "mp2"), ".vob": ("mpeg2video", "ac3"), ".webm": ("libvpx", "libopus"),
     ".wmv": ("wmv2", "wmav2"), ".avi": ("mpeg4", "mp2"),
 }  # fmt: skip
+_OPTIONS = {"libx264": {"preset": "ultrafast", "bf": "2"}, "mpeg2video": {"bf": "2"}}
 Move = Callable[[Fraction], Fraction]
 Adding = tuple[av.stream.Stream, bytes | None]
 
@@ -50,7 +51,7 @@ def record(
 
 
 def _pictures(out: av.container.OutputContainer, codec: str, times: list[Fraction]) -> list[av.Packet]:
-    stream = out.add_stream(codec, RATE, {"preset": "ultrafast", "bf": "2"} if codec == "libx264" else {})
+    stream = out.add_stream(codec, RATE, _OPTIONS.get(codec, {}))
     stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
     clock = STEP if codec in ("mpeg2video", "mpeg4", "wmv2") else CLOCK
     stream.codec_context.time_base = clock

@@ -120,6 +120,24 @@ def test_a_late_start_counts_once(tmp_path: Path, suffix: str, start: int) -> No
         assert not media.problems
 
 
+@pytest.mark.parametrize(
+    ("suffix", "codecs"),
+    [(".avi", ("libx264", "mp2")), (".wmv", ("libx264", "wmav2")), (".mxf", ("mpeg2video", "pcm_s16le")),
+     (".mxf", ("libx264", "pcm_s16le"))],
+)  # fmt: skip
+def test_pictures_whose_times_of_decoding_alone_are_stored_come_evenly(
+    tmp_path: Path, suffix: str, codecs: tuple[str, str]
+) -> None:
+    source = record(tmp_path / f"b{suffix}", codecs=codecs)
+    with open_input(source) as media:
+        found = [frame.pts * frame.time_base for frame in media]
+        assert not media.problems
+    assert len(found) == 24
+    assert is_steady(found)
+    assert found[0] >= 0
+    assert [f.pts * f.time_base for f in read_frames(source, scan(source, 10), 5, 9)] == found[5:9]
+
+
 def test_a_joined_file_is_read_from_its_start_by_all_who_seek(tmp_path: Path) -> None:
     part = record(tmp_path / "part.ts")
     source = join(tmp_path / "joined.ts", part, part, part)

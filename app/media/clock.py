@@ -190,7 +190,8 @@ class _Trace:
 
     def feed(self, packet: Packet[Stream], traces: Mapping[int, _Trace]) -> None:
         """Take the next packet."""
-        back = self._step_back(packet.dts)
+        dts, pts = packet.dts, packet.pts
+        back = self._step_back(dts if dts is None or pts is None else min(dts, pts))
         if packet.pts is not None:
             self._place(packet.pts * self.unit, back, traces)
         self.packets += 1

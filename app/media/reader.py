@@ -5,10 +5,12 @@ All streams but the chosen video stream are passed on as packets, undecoded.
 
 from __future__ import annotations
 
+import heapq
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from pathlib import Path
 from typing import TypeAlias
 
@@ -33,6 +35,9 @@ AnyPacket: TypeAlias = "Packet[av.stream.Stream]"
 _TEXT_AS_VIDEO = frozenset(
     {"tty", "bin", "xbin", "adf", "idf"}
 )  # FFmpeg renders text as a terminal's pictures
+# Containers that store one time for a packet, that of decoding, and codecs whose pictures it is then wrong for.
+_DECODING_TIMES = frozenset({"avi", "asf", "mxf"})
+_REORDERING = frozenset({"h264", "hevc", "mpeg1video", "mpeg2video", "vc1", "wmv3"})
 _NO_TIMESTAMPS = 0x80  # FFmpeg's AVFMT_NOTIMESTAMPS: a format's packets have no times
 _ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}
 _STATES_DURATION = frozenset({"mp4", "matroska", "avi", "flv"})  # containers whose header has it
@@ -166,12 +171,23 @@ class VideoReader(Closing):
         self.time_base = Fraction(self.stream.time_base or Fraction(1, 90000))
         self._recent: deque[int] = deque(maxlen=LIMITS.max_delayed_packets)
         self._last: int | None = None
+        self._times: list[int] = []  # of decoding, of packets whose pictures have not come, the least first
+        self._delay: int | None = (
+            None  # from a time of decoding, which may begin below zero, to that of a picture
+        )
         self._reached: dict[int, int] = {}  # by stream, how far its packets reach, in its unit of time
         self._shape: tuple[int, int, str] | None = None  # of what is yielded
         self._stored: tuple[int, int, str] | None = None  # of the picture before
         self._first_aspect = self._pixel_aspect()
         self._start: int | None = None
         self._started = True
+
+    @cached_property
+    def has_decoding_times(self) -> bool:
+        """Whether packets may have their times of decoding only; pictures then take these in ascending order."""
+        context = self.stream.codec_context
+        reorders = context.codec.canonical_name in _REORDERING and context.reorder_depth > 0
+        return reorders and bool(_DECODING_TIMES & set(self.container.format.name.split(",")))
 
     def only_video(self) -> None:
         """Read no packets of the other streams."""
@@ -232,7 +248,7 @@ class VideoReader(Closing):
                 self._started |= packet.pts == self._start
                 if self._started:
                     yield from self._decode(packet)
-            elif packet.size or packet.dts is not None:
+            elif packet.size or (packet.dts is not None and packet.stream.type != "audio"):
                 self.on_packet(packet)
 
     def _last_duration(self, picture: av.VideoFrame) -> int:
@@ -280,13 +296,17 @@ class VideoReader(Closing):
 
     def _decode(self, packet: AnyPacket) -> Iterator[av.VideoFrame]:
         if packet.pts is not None and not packet.is_discard:
-            self._recent.append(packet.pts)
+            stored = packet.dts if self.has_decoding_times else None
+            self._recent.append(packet.pts if stored is None else stored)
+            if packet.size and stored is not None:
+                heapq.heappush(self._times, stored)
         try:
             pictures = self.decoder.decode(packet)
         except EOFError:
             return
         except av.error.FFmpegError as error:
             self.damaged = True
+            self._times = sorted(time for time in self._times if time != packet.dts)
             self.problems.note_damage(
                 f"A damaged video packet at {self._clock(packet.pts)} was skipped ({reason(error)})."
             )
@@ -344,6 +364,10 @@ class VideoReader(Closing):
 
     def _time_of(self, picture: av.VideoFrame) -> int:
         pts = picture.pts if picture.pts is not None else picture.dts
+        if self._times:
+            stored = heapq.heappop(self._times)
+            self._delay = max(-stored, 0) if self._delay is None else self._delay
+            pts = stored + self._delay
         if pts is None:
             self.problems.note("Pictures without a time stamp were placed by the frame rate.")
             return 0 if self._last is None else self._last + max(self._usual_duration(picture), 1)

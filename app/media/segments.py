@@ -127,7 +127,8 @@ def _video_packets(
     problems = ProblemLog()
     with media.open_reader(problems) as reader:
         reader.only_video()
-        if reader.stream.codec_context.codec.canonical_name not in _ONE_PICTURE_PER_PACKET:
+        known = reader.stream.codec_context.codec.canonical_name in _ONE_PICTURE_PER_PACKET
+        if not known or reader.has_decoding_times:
             return None
         rows: list[tuple[int, int, bool]] = []
         for packet in reader.packets():

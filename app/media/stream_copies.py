@@ -207,6 +207,8 @@ class StreamCopier:
                     f"A time stamp of {_title(packet.stream)} did not ascend and was moved on."
                 )
             dts = least
+        if not packet.duration and last is not None and target.type == "audio":
+            packet.duration = dts - last  # without one, an MP4's track ends before its last packet
         packet.dts = self._last_dts[index] = dts
         packet.pts = dts if packet.pts is None else max(packet.pts, dts)
 
