@@ -2,7 +2,8 @@
 
 Half of a pair of glasses is worse than none: rims that lie on the face would be drawn, the temples beside it cannot be.
 So if the person wears glasses at rest, thin lines between brows and nose are filled with the skin around them; eyes,
-brows and the lower nose stay.  Grid pixels; RGB 0..255.
+brows and the lower nose stay.  A reflection that hides the eye behind a lens takes the mirror image of the other one
+where that is clear, and is skin elsewhere.  Grid pixels; RGB 0..255.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ from guise.aam.landmarks.schemes import (
     interocular,
 )
 from guise.aam.light import LUMA
+from guise.aam.mask import skin_mask
+from guise.aam.mirror import mirror_image
 from guise.aam.model import Identity
 from guise.aam.parsing import FaceClass, FaceParser, FaceParsing
 from guise.aam.reference import ReferenceFrame
@@ -52,6 +55,10 @@ class GlassesLimits:
         0.1,
     )  # standard deviations, over which skin around is averaged
     far_share: float = 0.01  # of the second, which counts where the first finds nothing
+    lens_face_widths: float = 0.1  # around an eye
+    reflection: float = 1.35  # times as bright as skin is what no lens without a reflection shows
+    reflection_face_widths: float = 0.05  # the least width of one: the white of an eye is lower
+    reflection_edge_face_widths: float = 0.03  # around it, in which it fades
 
 
 LIMITS = GlassesLimits()
@@ -84,14 +91,28 @@ def without_glasses(identity: Identity) -> Identity:
         return identity
     reference = identity.reference
     texture = reference.scatter(identity.appearance.neutral_texture)
-    found = rims(texture, reference)
-    share = _soft(found)
+    glare = reflections(texture, reference)
+    other = mirror_image(np.dstack([texture, glare.astype(np.float32)]), reference, 1)
+    texture[glare] = other[glare, :3]
+    found = rims(texture, reference) | (glare & (other[..., 3] > 0))
+    share = _soft(found | glare)
     neutral = identity.appearance.neutral.copy()
-    neutral[SHAPE_ENTRIES:] = _filled(texture, found, share, reference)[reference.mask].ravel()
+    neutral[SHAPE_ENTRIES:] = _filled(texture, found, _soft(found), reference)[reference.mask].ravel()
     h, w = reference.size
     fine = cv2.resize(share, (FINE * w, FINE * h), interpolation=cv2.INTER_LINEAR)
     detail = np.asarray(identity.detail * (1 - fine), np.float32)
     return replace(identity, appearance=replace(identity.appearance, neutral=neutral), detail=detail)
+
+
+def reflections(texture: F32, reference: ReferenceFrame) -> Bool:
+    """(h, w) where a texture (h, w, 3) shows a reflection on a lens: large, and far brighter than skin."""
+    skin, width = skin_mask(reference), reference.resolution
+    bright = (texture @ LUMA > LIMITS.reflection * float(np.median((texture @ LUMA)[skin]))).astype(np.uint8)
+    eyes = _hulls(reference, [reference.points[part] for part in (RIGHT_EYE, LEFT_EYE)])
+    lenses = cv2.dilate(eyes, disc(LIMITS.lens_face_widths * width))
+    large = cv2.morphologyEx(bright & lenses, cv2.MORPH_OPEN, disc(LIMITS.reflection_face_widths * width / 2))
+    grown = cv2.dilate(large, disc(LIMITS.reflection_edge_face_widths * width))
+    return np.asarray((grown > 0) & reference.mask)
 
 
 def rims(texture: F32, reference: ReferenceFrame) -> Bool:

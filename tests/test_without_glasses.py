@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from models import model_file
+from numpy.testing import assert_allclose
 from worn_glasses import with_glasses
 
 from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.detail import FINE
-from guise.aam.landmarks.schemes import LEFT_BROW, LEFT_EYE, LIPS, RIGHT_BROW, RIGHT_EYE
-from guise.aam.mask import soft_parts
+from guise.aam.landmarks.schemes import LEFT_BROW, LEFT_EYE, LIPS, RIGHT_BROW, RIGHT_EYE, Group
+from guise.aam.mask import skin_mask, soft_parts
+from guise.aam.mirror import mirror_image
 from guise.aam.model import Identity
 from guise.aam.without_glasses import without_glasses
 from guise.common.arrays import F32
@@ -60,3 +62,24 @@ def test_eyes_and_mouth_stay_and_no_detail_is_left_of_the_rims(worn: Identity) -
 
 def test_who_wears_none_stays_as_they_are(bare: Identity) -> None:
     assert without_glasses(bare) is bare
+
+
+def with_reflection(person: Identity, eyes: tuple[Group, ...]) -> Identity:
+    """The same person with a white reflection before eyes."""
+    face, neutral = texture(person), person.appearance.neutral.copy()
+    face[soft_parts(person.reference, eyes, 0.04) > 0.5] = 250
+    neutral[SHAPE_ENTRIES:] = face[person.reference.mask].ravel()
+    return replace(person, appearance=replace(person.appearance, neutral=neutral))
+
+
+def test_an_eye_behind_a_reflection_is_the_mirror_image_of_the_other(bare: Identity, worn: Identity) -> None:
+    eye = soft_parts(bare.reference, (RIGHT_EYE,), 0.0) > 0.5
+    clear = texture(without_glasses(with_reflection(worn, (RIGHT_EYE,))))
+    assert_allclose(clear[eye], mirror_image(texture(bare), bare.reference, 1)[eye], atol=5)
+
+
+def test_behind_two_reflections_is_skin(bare: Identity, worn: Identity) -> None:
+    eye = soft_parts(bare.reference, (RIGHT_EYE, LEFT_EYE), 0.03) > 0.5
+    clear = texture(without_glasses(with_reflection(worn, (RIGHT_EYE, LEFT_EYE))))
+    skin = np.median(texture(bare)[skin_mask(bare.reference)], axis=0)
+    assert clear[eye].max() < 1.3 * skin.max()
