@@ -267,7 +267,7 @@ def test_of_two_faces_the_larger_one_is_taken(here: Path, capsys: pytest.Capture
         ),
         (
             ["s.png", "s1.png", "t.png", "-o", "o.mp4"],
-            "o.mp4 must be a picture: name it .png, .jpg, .tif or .webp",
+            "o.mp4 must be a picture: name it .png, .jpg, .heic, .avif, .tif or .webp",
         ),
         (
             ["s.png", "s1.png", "t.png", "-o", "o.png", "--montage", "o.png"],

@@ -28,6 +28,11 @@ _GIF_XMP = b"\x21\xff\x0bXMP DataXMP"  # an application extension, and how it en
 _GIF_XMP_END = b"\1" + bytes(range(255, -1, -1)) + b"\0"
 
 
+def can_move(path: Path) -> bool:
+    """Whether a video can be written as a picture of this name; .png stays a single picture."""
+    return path.suffix.lower() in FORMS.keys() - {".png"}
+
+
 class AnimationWriter(Protocol):
     """Writes an animation to a file, picture by picture."""
 

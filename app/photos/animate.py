@@ -15,6 +15,7 @@ from guise.aam.solid_shape import SolidPrior
 from guise.analogy.photo import PhotoAnalogy, PhotoError
 from guise.analogy.photo.grid import ANIMATED_FACE_PX
 from guise.app.media import EncodeOptions, Frame, open_input, open_sink, process
+from guise.app.media.animation_writer import can_move
 from guise.app.media.file_kind import has_image_name, is_picture
 from guise.app.media.images import DeepImage
 from guise.app.media.synthetic import synthetic_tags
@@ -190,7 +191,7 @@ def _require_files(source: Path | None, clip: Path, target: Path, output: Path, 
     """Raise errors that can be found before any work."""
     if is_picture(clip):
         raise PhotoError(f"{clip} is a picture, not a clip: use `guise analogy image` for it")
-    if has_image_name(output):
+    if has_image_name(output) and not can_move(output):
         raise OutputError(
             f"{output} has the name of a picture: give the name of a video, such as {output.with_suffix('.mp4')}"
         )

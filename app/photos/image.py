@@ -128,7 +128,7 @@ def require_picture_names(outputs: Sequence[Path | None]) -> None:
     """Raise OutputError for an output without the suffix of a picture."""
     for path in filter(None, outputs):
         if path.suffix.lower() not in IMAGE_SUFFIXES:
-            raise OutputError(f"{path} must be a picture: name it .png, .jpg, .tif or .webp")
+            raise OutputError(f"{path} must be a picture: name it .png, .jpg, .heic, .avif, .tif or .webp")
 
 
 def save_synthetic(path: Path, image: DeepImage) -> None:

@@ -21,7 +21,7 @@ from guise.app.studio.live import FACE as LIVE_FACE
 from guise.app.studio.site import Studio, heading, local_time, page, show_job
 from guise.app.studio.store import JobRow, Person, StudioError, Upload
 from guise.app.studio.swap import FACE as SWAP_FACE
-from guise.app.studio.uploads import PHOTO, uploader
+from guise.app.studio.uploads import PHOTO, shown_moving, uploader
 from guise.app.swapping.donors import FIRST_NAMES, gallery, open_donor
 from guise.common.errors import GuiseError
 
@@ -265,7 +265,7 @@ class _PeoplePage:
     def _clip(self, clip: Upload) -> None:
         ui.label(clip.name).classes("text-bold break-all")
         ui.label(local_time(clip.created))
-        ui.video(self.studio.url(clip.path)).classes("w-full").props["aria-label"] = f"The clip {clip.name}"
+        shown_moving(self.studio.url(clip.path), clip.path, f"The clip {clip.name}").classes("w-full")
         with ui.row().classes("items-center"):
             ui.button("Train", on_click=partial(self._train, clip)).props["aria-label"] = (
                 f"Train on {clip.name}"

@@ -19,6 +19,7 @@ from typing import Any, Literal
 
 from guise.aam.model import rename_model
 from guise.app.deidentify.run.inputs import VIDEO_SUFFIXES
+from guise.app.media.animation_writer import FORMS
 from guise.common.errors import GuiseError
 
 State = Literal["waiting", "running", "done", "failed", "cancelled"]
@@ -26,6 +27,7 @@ State = Literal["waiting", "running", "done", "failed", "cancelled"]
 FOLDERS = ("clips", "people", "uploads", "jobs")
 DATABASE = "studio.sqlite"
 CLIP = "clip"  # the kind of uploads that are videos
+CLIP_SUFFIXES = VIDEO_SUFFIXES | FORMS.keys()  # animated pictures too
 _PRIVATE = 0o700  # as all of it is biometric data
 MAX_NAME_CHARACTERS = 80
 # Of clips in a table of their own, as once, uploads are made.
@@ -160,7 +162,7 @@ class Store:
 
     def add_upload(self, kind: str, name: str, suffix: str) -> Upload:
         """Add a file that the caller writes.  StudioError when the suffix of a clip is not a video's."""
-        if kind == CLIP and suffix.lower() not in VIDEO_SUFFIXES:
+        if kind == CLIP and suffix.lower() not in CLIP_SUFFIXES:
             raise StudioError(
                 f"{_clean(name)} isn't a video file that Guise reads: use .mp4, .webm, .mov or .mkv"
             )

@@ -15,6 +15,7 @@ from guise.app.studio.portraits import Portraits
 from guise.app.studio.site import Studio, choice_row, page
 from guise.app.studio.store import JobRow, StudioError, Upload
 from guise.app.studio.swap_jobs import REPORT, SwapChoices, find, preview, render
+from guise.app.studio.uploads import shown_moving
 from guise.app.studio.videos import (
     PREVIEW_WIDTH_PIXELS,
     SAMPLE,
@@ -138,8 +139,7 @@ class _SwapPage(VideoPage):
             for words, path in (("Before", Path(job.about["source"])), ("After", folder / facts["output"])):
                 with ui.column().classes("gap-1"):
                     ui.label(words)
-                    video = ui.video(self.studio.url(path)).classes("w-full")
-                    video.props["aria-label"] = f"The video {words.lower()}"
+                    shown_moving(self.studio.url(path), path, f"The video {words.lower()}").classes("w-full")
         name = f"{job.about['name']}_swapped"
         with ui.row().classes("items-center"):
             download_row(self.studio, {

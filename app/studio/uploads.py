@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,8 +10,9 @@ from typing import Any
 
 from nicegui import events, run, ui
 
-from guise.app.deidentify.run.inputs import VIDEO_SUFFIXES
 from guise.app.media import open_input
+from guise.app.media.animation_writer import FORMS
+from guise.app.media.file_kind import kind_of
 from guise.app.media.images import IMAGE_SUFFIXES, read_deep
 from guise.app.media.pictures import save_picture, shrunk
 from guise.app.studio import store
@@ -33,6 +35,7 @@ class UploadKind:
     name : in the store.   noun : for the user, with an article.   media : media type for the browser's file dialog.
     advice : which files can be read.
     check : check(path, preview) raises GuiseError for a file that cannot be read, and draws its preview.
+    moves : whether it is of several pictures.
     """
 
     name: str
@@ -41,10 +44,13 @@ class UploadKind:
     suffixes: frozenset[str]
     advice: str
     check: Callable[[Path, Path], None]
+    moves: bool = False
 
 
 def _check_video(path: Path, preview: Path) -> None:
-    open_input(path).close()
+    with open_input(path) as media:
+        if media.kind == "image":
+            raise StudioError("it is a single picture")
 
 
 def _check_picture(path: Path, preview: Path) -> None:
@@ -65,10 +71,21 @@ def _check_mesh(path: Path, preview: Path) -> None:
 
 
 CLIP = UploadKind(
-    store.CLIP, "a video", "video/*", VIDEO_SUFFIXES, "use an .mp4, .webm, .mov or .mkv.", _check_video
+    store.CLIP,
+    "a video",
+    "video/*",
+    store.CLIP_SUFFIXES,
+    "use an .mp4, .webm, .mov or .mkv.",
+    _check_video,
+    moves=True,
 )
 PICTURE = UploadKind(
-    "picture", "a picture", "image/*", IMAGE_SUFFIXES, "use a .png, .jpg, .tif or .webp.", _check_picture
+    "picture",
+    "a picture",
+    "image/*",
+    IMAGE_SUFFIXES,
+    "use a .jpg, .png, .heic, .avif or .webp.",
+    _check_picture,
 )
 PHOTO = replace(PICTURE, name="photo", noun="a photo")  # of a person to be learned
 MESH = UploadKind(
@@ -84,20 +101,33 @@ async def read_upload(
     Raises StudioError when it is of none of the kinds or cannot be read; nothing is kept then.
     """
     file = Path(event.file.name)
-    kind = next((kind for kind in kinds if file.suffix.lower() in kind.suffixes), None)
-    if kind is None:
+    fitting = [kind for kind in kinds if file.suffix.lower() in kind.suffixes]
+    if not fitting:
         raise StudioError(f"{file.name} {_none_of(kinds)}")
-    row = studio.store.add_upload(kind.name, file.stem, file.suffix)
-    part = row.path.with_name(f"{row.path.stem}.part{row.path.suffix}")
-    try:
+    with tempfile.TemporaryDirectory(dir=studio.store.folder) as folder:
+        part = Path(folder, f"part{file.suffix.lower()}")
         await event.file.save(part)
-        await run.io_bound(_require, kind, part, row)
-        part.replace(row.path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        studio.store.remove_upload(row.id)
-        raise
+        moves = len(fitting) > 1 and await run.io_bound(kind_of, part) != "image"
+        kind = next((kind for kind in fitting if kind.moves == moves), fitting[0])
+        row = studio.store.add_upload(kind.name, file.stem, file.suffix)
+        try:
+            await run.io_bound(_require, kind, part, row)
+            part.replace(row.path)
+        except BaseException:
+            studio.store.remove_upload(row.id)
+            raise
     return row
+
+
+def shown_moving(url: str, path: Path, label: str) -> ui.element:
+    """A video, or an animated picture, which browsers show as a picture, with a label for screen readers."""
+    if path.suffix.lower() in FORMS:
+        picture = ui.image(url).props("fit=contain no-transition")
+        picture.props["alt"] = label
+        return picture
+    video = ui.video(url)
+    video.props["aria-label"] = label
+    return video
 
 
 def uploader(

@@ -25,7 +25,7 @@ OWN_SUFFIXES = (".report.json", ".report.html", ".tracks.json", ".tracks.jpg", "
 VIDEO_SUFFIXES = frozenset(
     {
         ".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mpg", ".mpeg", ".ts", ".mts", ".m2ts", ".3gp", ".3g2",
-        ".flv", ".f4v", ".wmv", ".asf", ".ogv", ".nut", ".mxf", ".vob", ".dv", ".gif", ".y4m",
+        ".flv", ".f4v", ".wmv", ".asf", ".ogv", ".nut", ".mxf", ".vob", ".dv", ".gif", ".apng", ".y4m",
     }
 )  # fmt: skip
 _PATTERN = frozenset("*?[")
