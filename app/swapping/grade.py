@@ -123,7 +123,7 @@ class Pair(Protocol):
     def donor(self) -> Identity: ...
 
 
-class Trial(Protocol):
+class TrialEngine(Protocol):
     """What draws a swap: an `guise.app.drawing.engine.Engine`."""
 
     @property
@@ -135,7 +135,7 @@ class Trial(Protocol):
         """Swap the face that lies at a shape (81, 2) in a frame, in place."""
 
 
-def grade(engine: Trial) -> Grade | None:
+def grade(engine: TrialEngine) -> Grade | None:
     """The grade of a swap by its engine, which has drawn all that it is to draw; None without skin to look at."""
     person, face = engine.plan.person, engine.plan.donor
     rest = person.rest_frame
