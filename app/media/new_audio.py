@@ -56,24 +56,33 @@ class NewAudio:
         self._rate = self.stream.rate
         self._whisper = Whisper(self._rate, self.stream.channels) if voice == "disguise" else None
         self._graph: Graph | None = None
-        self._kind: tuple[object, ...] = ()
+        self._decoder: AudioCodecContext | None = None
+        self._kind: tuple[str, str, int, Fraction | None] | None = None
         self._next: int | None = None  # where the output ends, and where the input, samples from time zero
         self._end = 0
 
     def feed(self, packet: AnyPacket) -> Iterator[AnyPacket]:
         """Take a packet of the input; yields packets for the output."""
+        assert isinstance(packet.stream, AudioStream)
+        self._decoder = packet.stream.codec_context
+        yield from self._decoded(packet)
+
+    def _decoded(self, packet: AnyPacket | None) -> Iterator[AnyPacket]:
+        if self._decoder is None:
+            return
         try:
-            frames = packet.decode()
+            frames = self._decoder.decode(packet)
         except EOFError:
             return
         except av.error.FFmpegError as error:
             self._problems.note(f"A damaged sound packet was replaced by silence ({error.strerror}).")
             return
         for frame in frames:
-            assert isinstance(frame, AudioFrame)
             yield from self._filtered(frame)
 
     def _filtered(self, frame: AudioFrame) -> Iterator[AnyPacket]:
+        if frame.pts is None and self._kind and (unit := self._kind[3]):  # the last one of some decoders
+            frame.time_base, frame.pts = unit, round(Fraction(self._end, self._rate) / unit)
         kind = (frame.format.name, frame.layout.name, frame.sample_rate, frame.time_base)
         if kind != self._kind:
             yield from self._drain()
@@ -142,6 +151,7 @@ class NewAudio:
 
     def finish(self) -> Iterator[AnyPacket]:
         """Yield the rest, up to the length of the input."""
+        yield from self._decoded(None)
         yield from self._drain()
         if self._whisper is not None and self._next is not None:
             yield from self._encode(self._whisper.rest())
