@@ -282,11 +282,61 @@ def test_hdr_keeps_its_bits_tags_and_light_levels(tmp_path: Path, transfer: int,
 def test_what_an_encoder_cannot_keep_of_hdr_is_said_with_that_word(
     tmp_path: Path, encoder: str, suffix: str, fmt: str
 ) -> None:
-    clip = make(tmp_path / "in.mp4", "libx265", "yuv420p10le", 2, PQ, GRADED)
+    clip = make(tmp_path / "in.mp4", "libx265", "yuv420p10le", 3, PQ, GRADED)
     problems = drawn(clip, tmp_path / f"out{suffix}", EncodeOptions(encoder))
     assert all("HDR" in problem for problem in problems)
     assert len(problems) == (1 if fmt.endswith("10le") else 2)
     assert read(tmp_path / f"out{suffix}")[0].video_frame.format.name == fmt
+
+
+def test_the_changing_metadata_of_dolby_vision_is_told(tmp_path: Path) -> None:
+    context = av.CodecContext.create("libx265", "w")
+    assert isinstance(context, av.VideoCodecContext)
+    context.width = context.height = 64
+    context.pix_fmt, context.time_base, context.color_trc = "yuv420p10le", TICK, HLG
+    context.options = {"x265-params": "log-level=none:repeat-headers=1"}
+    packets = [context.encode(timed(filled("yuv420p10le", n, 64, 64, HLG), n)) for n in range(3)] + [
+        context.encode(None)
+    ]
+    unit = b"\0\0\0\1" + bytes([62 << 1, 1]) + dolby_vision()  # that follows each picture
+    clip = tmp_path / "in.h265"
+    clip.write_bytes(b"".join(bytes(packet) + unit for some in packets for packet in some))
+    problems = drawn(clip, tmp_path / "out.mp4", EncodeOptions(preset="ultrafast"))
+    assert "Dolby Vision's metadata of every picture was left out: the pictures are kept as HLG." in problems
+
+
+def dolby_vision() -> bytes:
+    """The least metadata of a picture that FFmpeg's parser takes, of profile 8: each colour is mapped to itself."""
+
+    def unsigned(value: int) -> str:  # Exp-Golomb
+        code = f"{value + 1:b}"
+        return "0" * (len(code) - 1) + code
+
+    zero = unsigned(0)
+    head = (
+        f"{2:06b}{18:011b}{1:04b}{0:04b}1" + f"000{unsigned(23)}{1:02b}0"
+    )  # kinds, then the form of coefficients
+    depths = unsigned(2) + unsigned(2) + unsigned(4) + "000001"  # and no enhancement layer
+    pivots = 3 * f"{zero}{0:010b}{1023:010b}"
+    curves = 3 * f"{zero}{zero}0{zero}{0:023b}{unsigned(1)}{0:023b}"
+    bits = head + depths + "00" + 3 * zero + pivots + 2 * zero + curves
+    bits += "0" * (-len(bits) % 8)
+    data = b"\x19" + int(bits, 2).to_bytes(len(bits) // 8, "big") + b"\1\2\3\4\x80"  # without a true checksum
+    made = bytearray()
+    for byte in data:
+        made += b"\3" * (made[-2:] == b"\0\0" and byte <= 3) + bytes([byte])
+    return bytes(made)
+
+
+def test_other_pictures_than_the_inputs_are_not_compared_with_them(tmp_path: Path) -> None:
+    clip = make(tmp_path / "in.mp4", "libx265", "yuv420p10le", 3, PQ, GRADED)
+    with open_input(clip) as media, open_sink(tmp_path / "out.mp4", media, size=(32, 32)) as sink:
+        for frame in media:
+            frame.show(np.full((32, 32, 3), 90, np.uint8))
+            sink.write(frame)
+        assert media.problems == []
+    first, *_ = read(tmp_path / "out.mp4")
+    assert (first.video_frame.format.name, first.video_frame.color_trc) == ("yuv420p", BT709)
 
 
 def test_pieces_keep_ten_bits(tmp_path: Path) -> None:
@@ -374,7 +424,7 @@ def test_alpha_that_the_target_does_not_hold_is_one_note(tmp_path: Path) -> None
     for name, encoder in (("out.mp4", "libx264"), ("out.mkv", "libx265")):
         (problem,) = drawn(clip, tmp_path / name, EncodeOptions(encoder, preset="ultrafast"))
         assert problem.startswith(
-            f"Transparency was left out, as {encoder} has none: use --encoder libvpx-vp9"
+            f"Transparency was left out, as {encoder} has none: without --encoder, .webm"
         )
 
 

@@ -34,7 +34,7 @@ from guise.app.media.pixel_formats import depth, has_alpha
 from guise.app.media.reader import is_full_range, reformat
 from guise.app.media.rendition import is_hdr
 
-_WITH_ALPHA = "use --encoder libvpx-vp9 with .webm, prores_ks with .mov or ffv1 with .mkv"
+_WITH_ALPHA = "without --encoder, .webm, .mkv and .mov keep it."
 _UNUSED_ALPHA = frozenset({"gif", "png", "apng", "webp"})  # have it also where all is opaque
 _CAPTIONING = frozenset({"libx264", "libx264rgb", "mpeg2video"})  # encoders that write captions by default
 
@@ -186,7 +186,7 @@ def encoding_for(
     if interlaced and "x26" in codec.name:
         settings = {"flags": "+ildct+ilme", **settings}
     order = media.stream.codec_context.field_order if interlaced else None  # type: ignore[attr-defined]
-    _note_changes(media, form, codec.name)
+    _note_changes(media, form, codec.name, is_copy=size is None)
     return Encoding(
         codec.canonical_name,
         codec.name,
@@ -199,13 +199,14 @@ def encoding_for(
     )
 
 
-def _note_changes(media: MediaInput, form: PictureFormat, encoder: str) -> None:
+def _note_changes(media: MediaInput, form: PictureFormat, encoder: str, *, is_copy: bool) -> None:
+    """Note what the pictures lose; is_copy : whether they are the input's, and not others of its time."""
     if form.coded != form.size:
         media.problems.note(
             f"The picture was extended from {form.size[0]} x {form.size[1]} to {form.coded[0]} x "
             f"{form.coded[1]}, as {encoder} needs even sizes."
         )
-    if not isinstance(media, VideoInput) or form.fmt == media.first_picture.format.name:
+    if not is_copy or not isinstance(media, VideoInput) or form.fmt == media.first_picture.format.name:
         return
     native, deep = media.first_picture.format.name, depth(media.first_picture.format.name)
     if deep > depth(form.fmt) and is_hdr(form.transfer):
@@ -215,7 +216,7 @@ def _note_changes(media: MediaInput, form: PictureFormat, encoder: str) -> None:
         )
     elif has_alpha(native) and not has_alpha(form.fmt):
         if _needs_alpha(media):
-            media.problems.note(f"Transparency was left out, as {encoder} has none: {_WITH_ALPHA}.")
+            media.problems.note(f"Transparency was left out, as {encoder} has none: {_WITH_ALPHA}")
     elif native.replace("yuvj", "yuv") != form.fmt.replace("yuvj", "yuv"):
         media.problems.note(f"Pictures were encoded as {form.fmt}, as {encoder} has no {native}.")
 
@@ -233,8 +234,9 @@ def _light_settings(media: MediaInput, encoder: str, size: tuple[int, int] | Non
         return {}
     look = media.first_picture
     for name in media.changing_metadata:
-        base = hdr_name(look.color_trc) or "the base layer"
-        media.problems.note(f"{name} metadata was left out; the pictures are kept as {base}.")
+        base = hdr_name(look.color_trc)
+        kept = f"the pictures are kept as {base}" if base else "without it their colours may be wrong"
+        media.problems.note(f"{name} metadata of every picture was left out: {kept}.")
     levels = media.light_levels
     settings = levels.settings(encoder) if levels else {}
     if settings is None:

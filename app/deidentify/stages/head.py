@@ -202,7 +202,10 @@ class HeadPainter(Closing):
         lit = _lit(head, seen, face, reduced, LIMITS.light_face_widths * width)
         made = _mixed(made, lit, np.asarray(other[..., 3] / np.float32(255), np.float32))
         made = _mixed(made, seen, face)
-        frame.write_roi(x0, y0, np.asarray(cv2.transform(made, frame.colour.from_rgb), np.uint8))
+        stored = frame.read_roi(*roi)
+        drawn = np.asarray(cv2.transform(made, frame.colour.from_rgb), np.uint8)
+        np.copyto(stored, drawn, where=(made != seen).any(2, keepdims=True))
+        frame.write_roi(x0, y0, stored)
 
     def _steadied(self, behind: F32, index: int, corner: tuple[int, int]) -> F32:
         """What is behind the head (h, w, 3), most of it as it was shown in the frame before.

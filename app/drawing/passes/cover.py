@@ -247,9 +247,11 @@ class DonorGlasses:
         if w < 2 or h < 2:
             return
         change = self._shown(face, (x, y), (h, w)) * (self._glasses.ratio(front, across, (x, y), (h, w)) - 1)
-        lit = frame.rgb_roi(x, y, w, h) * (1 + change)[..., None]
-        roi = cv2.transform(lit, frame.colour.from_rgb)
-        frame.write_roi(x, y, np.asarray(np.clip(roi + 0.5, 0, 255), np.uint8))
+        roi = frame.read_roi(x, y, w, h)
+        lit = cv2.transform(roi, frame.colour.to_rgb) * (1 + change)[..., None]
+        drawn = np.clip(cv2.transform(lit, frame.colour.from_rgb) + 0.5, 0, 255).astype(np.uint8)
+        np.copyto(roi, drawn, where=(change != 0)[..., None])
+        frame.write_roi(x, y, roi)
 
     def _shown(self, face: FaceInFrame, corner: tuple[int, int], size: tuple[int, int]) -> F32:
         """(h, w) share in [0, 1] of a rectangle of the frame that nothing hides."""
