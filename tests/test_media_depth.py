@@ -328,6 +328,24 @@ def dolby_vision() -> bytes:
     return bytes(made)
 
 
+@pytest.mark.parametrize("suffix", [".webp", ".apng"])
+def test_alpha_of_a_video_is_that_of_an_animation(tmp_path: Path, suffix: str) -> None:
+    clip = make(tmp_path / "in.mov", "prores_ks", "yuva444p10le")
+    out = tmp_path / f"out{suffix}"
+    assert drawn(clip, out, EncodeOptions()) == []
+    for old, new in zip(read(clip), read(out), strict=True):
+        assert np.abs(old.opacity().astype(int) - new.opacity()).max() <= 2
+        assert np.ptp(new.opacity()) > 128
+
+
+def test_hdr_as_an_animation_is_sdr_and_said_so(tmp_path: Path) -> None:
+    clip = make(tmp_path / "in.mkv", "ffv1", "yuv420p10le", 3, HLG)
+    (problem,) = drawn(clip, tmp_path / "out.webp", EncodeOptions(lossless=True))
+    assert problem == "out.webp has 8 bits: its pictures are SDR, as which the HDR is shown."
+    for old, new in zip(read(clip), read(tmp_path / "out.webp"), strict=True):
+        assert np.abs(painted(old).rgb().astype(int) - new.rgb()).mean() < 1
+
+
 def test_other_pictures_than_the_inputs_are_not_compared_with_them(tmp_path: Path) -> None:
     clip = make(tmp_path / "in.mp4", "libx265", "yuv420p10le", 3, PQ, GRADED)
     with open_input(clip) as media, open_sink(tmp_path / "out.mp4", media, size=(32, 32)) as sink:

@@ -35,7 +35,6 @@ from guise.app.media.reader import is_full_range, reformat
 from guise.app.media.rendition import is_hdr
 
 _WITH_ALPHA = "without --encoder, .webm, .mkv and .mov keep it."
-_UNUSED_ALPHA = frozenset({"gif", "png", "apng", "webp"})  # have it also where all is opaque
 _CAPTIONING = frozenset({"libx264", "libx264rgb", "mpeg2video"})  # encoders that write captions by default
 
 
@@ -170,7 +169,7 @@ def encoding_for(
     """
     if options.encoder == AUTO:
         fmt = media.first_picture.format.name if isinstance(media, VideoInput) and size is None else "yuv420p"
-        fmt = fmt if _needs_alpha(media) else fmt.replace("yuva", "yuv")
+        fmt = fmt if media.has_alpha else fmt.replace("yuva", "yuv")
         options = replace(options, encoder=chosen_encoder(output.suffix, fmt))
     options = working_encoder(options, media.problems.note)
     codec = find_encoder(options.encoder)
@@ -215,17 +214,10 @@ def _note_changes(media: MediaInput, form: PictureFormat, encoder: str, *, is_co
             "libx265, libsvtav1 or libx264."
         )
     elif has_alpha(native) and not has_alpha(form.fmt):
-        if _needs_alpha(media):
+        if media.has_alpha:
             media.problems.note(f"Transparency was left out, as {encoder} has none: {_WITH_ALPHA}")
     elif native.replace("yuvj", "yuv") != form.fmt.replace("yuvj", "yuv"):
         media.problems.note(f"Pictures were encoded as {form.fmt}, as {encoder} has no {native}.")
-
-
-def _needs_alpha(media: MediaInput) -> bool:
-    """Whether a video has alpha, and more than a plane of it that is opaque throughout."""
-    if not isinstance(media, VideoInput) or not has_alpha(media.first_picture.format.name):
-        return False
-    return media.stream.codec_context.name not in _UNUSED_ALPHA or media.is_transparent
 
 
 def _light_settings(media: MediaInput, encoder: str, size: tuple[int, int] | None) -> dict[str, str]:

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from guise.app.media import colour as tags
 from guise.app.media.colour import ColourMatrix, gbr_matrix, yuv_matrix
 from guise.app.media.orientation import AS_STORED, Orientation, Points
-from guise.app.media.pixel_formats import DEEP_FORMATS, NATIVE_FORMATS, depth, has_alpha
+from guise.app.media.pixel_formats import DEEP_FORMATS, NATIVE_FORMATS, SHALLOW, depth, has_alpha
 from guise.common.sampling import remap_points
 
 if TYPE_CHECKING:
@@ -111,6 +111,13 @@ class Frame:
             return np.asarray(cv2.cvtColor(np.ascontiguousarray(shown), cv2.COLOR_RGB2GRAY), np.uint8)
         luma = self._shown_planes()[0]
         return luma[:] if self.orientation.is_identity else luma.copy()
+
+    def opacity(self) -> Plane | None:
+        """(h, w) uint8 as shown: an image's alpha, or that of a decoded picture; None without."""
+        if self.alpha is not None or self._video is None or not has_alpha(self._video.format.name):
+            return self.alpha
+        stored = self.orientation.view(plane_arrays(self._video)[-1])
+        return (stored >> (depth(self._video.format.name) - SHALLOW)).astype(np.uint8)
 
     def _stored_planes(self) -> tuple[Plane, ...]:
         """Component planes of a decoded frame as stored, writable, and never shared with the decoder."""

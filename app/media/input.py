@@ -25,6 +25,7 @@ from guise.app.media.hardware import HardwareDecoder, working_decoder
 from guise.app.media.hdr import changing_metadata, light_levels
 from guise.app.media.images import DeepImage, eight_bits, list_images, read_deep
 from guise.app.media.orientation import AS_STORED, Orientation, parse_display_matrix
+from guise.app.media.pixel_formats import has_alpha
 from guise.app.media.reader import (
     AnyPacket,
     ProblemLog,
@@ -38,6 +39,7 @@ from guise.common.closing import Closing
 Kind = Literal["video", "image", "images"]
 IMAGES_PER_SECOND = Fraction(30)
 _MAX_FRAME_RATE = 500  # frames per second; a higher rate is that of the container's clock
+_UNUSED_ALPHA = frozenset({"gif", "png", "apng", "webp"})  # decoders that give it also where all is opaque
 _RATE_PACKETS = 64  # from which a frame rate is measured
 
 
@@ -47,6 +49,7 @@ class MediaInput(Closing):
     width, height : pixels, as shown.
     time_base : unit of the frames' pts, seconds.
     frame_rate : average, frames per second.   frame_count, duration (seconds) : an estimate, or None.
+    has_alpha : whether pixels may be transparent.
     rotation : degrees clockwise from the stored to the shown picture.
     problems : what went wrong so far without ending the work, in sentences; grows while frames are read.
     """
@@ -59,6 +62,7 @@ class MediaInput(Closing):
     duration: Fraction | None = None
     time_base: Fraction
     has_audio: bool = False
+    has_alpha: bool = False
     orientation: Orientation = AS_STORED
 
     def __init__(self, path: Path) -> None:
@@ -108,7 +112,6 @@ class VideoInput(MediaInput):
 
     quantiser : mean (0..51) of the first picture, where its decoder tells.
     light_levels, changing_metadata : what HDR pictures say beside their pixels, see `hdr.py`.
-    is_transparent : whether any pixel of the first picture is not opaque.
     clock : on which all passes put all streams.
     """
 
@@ -132,11 +135,16 @@ class VideoInput(MediaInput):
             self.quantiser = quantiser(self.first_picture)
             self.light_levels = light_levels(self.first_picture)
             self.changing_metadata = changing_metadata(self.first_picture)
-            self.is_transparent = is_transparent(self.first_picture)
+            self.has_alpha = self._has_alpha(self.first_picture)
             self._read_properties()
         except BaseException:
             self.close()
             raise
+
+    def _has_alpha(self, picture: av.VideoFrame) -> bool:
+        """Whether the pictures have alpha, and more than a plane of it that is opaque throughout."""
+        unused = self.stream.codec_context.name in _UNUSED_ALPHA
+        return has_alpha(picture.format.name) and (is_transparent(picture) or not unused)
 
     def _prime(self) -> av.VideoFrame:
         """Decode the first picture: it proves the file and carries the orientation and the colour tags."""

@@ -29,6 +29,7 @@ from guise.app.media.images import PAGES, DeepImage, can_write, changed, encode_
 from guise.app.media.input import AnimationInput, ImageInput, MediaInput, VideoInput
 from guise.app.media.pictures import letterboxed
 from guise.app.media.reader import AnyPacket
+from guise.app.media.rendition import is_hdr
 from guise.app.media.stream_copies import (
     Audio,
     StreamCopier,
@@ -296,7 +297,8 @@ class AnimationSink(Sink):
         self._size = size or (media.width, media.height)
         self._held: tuple[Fraction, Fraction, NDArray[np.uint8]] | None = None
         source = media.pictures if isinstance(media, AnimationInput) else None
-        self._alpha = source is not None and source.has_alpha and self._form != "avif"
+        alpha = media.has_alpha if source is None else source.has_alpha
+        self._alpha = alpha and self._form != "avif" and self._size == (media.width, media.height)
         _note_lost(media, path, self._form)
         self._shortest = _GIF_SHORTEST if self._form == "gif" and source is None else Fraction(0)
         self.claim()
@@ -322,7 +324,8 @@ class AnimationSink(Sink):
                 return
             self._add(held, start)
         rgb = letterboxed(frame.rgb(), *self._size)
-        cover = frame.alpha if frame.alpha is not None else np.full(rgb.shape[:2], 255, np.uint8)
+        cover = frame.opacity()
+        cover = np.full(rgb.shape[:2], 255, np.uint8) if cover is None else cover
         self._held = start, end, np.dstack([rgb, cover]) if self._alpha else rgb
 
     def _add(self, held: tuple[Fraction, Fraction, NDArray[np.uint8]], end: Fraction) -> None:
@@ -347,7 +350,9 @@ def _note_lost(media: MediaInput, path: Path, form: str) -> None:
     """Note what an animated picture does not keep of its input."""
     if media.has_audio:
         media.problems.note(f"{path.name} holds no sound: the audio was left out.")
-    if form == "avif" and isinstance(media, AnimationInput) and media.pictures.has_alpha:
+    if isinstance(media, VideoInput) and is_hdr(media.first_picture.color_trc):
+        media.problems.note(f"{path.name} has 8 bits: its pictures are SDR, as which the HDR is shown.")
+    if form == "avif" and (media.pictures if isinstance(media, AnimationInput) else media).has_alpha:
         media.problems.note(f"{path.name} does not keep transparency: a .png or .webp file does.")
     if form == "gif" and not isinstance(media, AnimationInput) and media.frame_rate > 1 / _GIF_SHORTEST:
         media.problems.note(
