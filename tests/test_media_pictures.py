@@ -7,6 +7,7 @@ import io
 from pathlib import Path
 from unittest.mock import patch
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -149,6 +150,52 @@ def test_a_folder_takes_every_picture_and_says_what_it_skips(tmp_path: Path) -> 
     ]
     assert sorted(file.name for file in (tmp_path / "out").iterdir()) == [*names, "f.png"]
     assert all(read_deep(file).pixels.shape == (32, 40, 3) for file in (tmp_path / "out").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("suffix", "more"),
+    [(".tga", {}), (".ppm", {}), (".qoi", {}), (".pcx", {}), (".gif", {}), (".tif", {"compression": "lzma"})],
+)
+def test_other_forms_are_read_and_not_called_damaged(
+    tmp_path: Path, suffix: str, more: dict[str, str]
+) -> None:
+    image = Image.fromarray(smooth(40, 48)).quantize(64).convert("RGB")
+    image.save(tmp_path / f"a{suffix}", **more)
+    with open_input(tmp_path / f"a{suffix}") as source:
+        assert (source.kind, source.problems) == ("image", [])
+        np.testing.assert_array_equal(next(iter(source)).rgb(), np.asarray(image))
+        if suffix not in (".gif", ".tif"):
+            with pytest.raises(MediaError, match="reads but does not write"):
+                open_sink(tmp_path / f"b{suffix}", source)
+
+
+def test_colours_under_the_alpha_of_a_tiff_are_as_stored(tmp_path: Path) -> None:
+    rgba = np.dstack([smooth(40, 48), smooth(40, 48, seed=1)[..., 0]])
+    Image.fromarray(rgba).save(tmp_path / "a.tif")
+    read = read_deep(tmp_path / "a.tif")
+    np.testing.assert_array_equal(read.pixels, rgba[..., :3])
+    np.testing.assert_array_equal(read.alpha, rgba[..., 3])
+
+
+@pytest.mark.parametrize(
+    ("made", "called", "kind"),
+    [("mkv", "png", "video"), ("ts", "heic", "video"), ("mp4", "heic", "video"), ("png", "mp4", "image")],
+)
+def test_a_name_that_lies_is_not_believed(tmp_path: Path, made: str, called: str, kind: str) -> None:
+    path = tmp_path / f"a.{made}"
+    if made == "png":
+        Image.fromarray(smooth(40, 48)).save(path)
+    else:
+        with av.open(str(path), "w") as container:
+            stream = container.add_stream("mpeg4" if made == "mp4" else "libx264", 25)
+            stream.width, stream.height, stream.pix_fmt = 48, 40, "yuv420p"
+            for _ in range(3):
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(smooth(40, 48), "rgb24")))
+            container.mux(stream.encode(None))
+    path = path.rename(tmp_path / f"a.{called}")
+    assert kind_of(path) == kind
+    with open_input(path) as source:
+        assert source.kind == kind
 
 
 def test_a_camera_raw_picture_is_refused_in_a_sentence(tmp_path: Path) -> None:

@@ -23,6 +23,25 @@ IMAGE_SUFFIXES = frozenset(
         ".hif", ".avif", ".jp2", ".j2k", ".jpx",
     }
 )  # fmt: skip
+# Pictures that are read but not written; most are told by their suffix alone.
+READ_ONLY_SUFFIXES = frozenset(
+    {
+        ".tga",
+        ".pcx",
+        ".sgi",
+        ".ico",
+        ".icns",
+        ".ppm",
+        ".pgm",
+        ".pnm",
+        ".qoi",
+        ".dds",
+        ".psd",
+        ".hdr",
+        ".exr",
+        ".jxl",
+    }
+)
 _STILL_BRANDS = {b"heic", b"heix", b"heim", b"heis", b"mif1", b"mif2", b"avif", b"miaf"}
 _SEQUENCE_BRANDS = {b"avis", b"msf1", b"hevc", b"hevx"}
 _OTHERS = (
@@ -51,7 +70,7 @@ def kind_of(path: Path) -> FileKind:
         form = ""
     if form:
         return "image" if form != "video" else "video"
-    return "image" if has_image_name(path) else "video"
+    return "image" if path.suffix.lower() in IMAGE_SUFFIXES | READ_ONLY_SUFFIXES else "video"
 
 
 def is_picture(path: Path) -> bool:
@@ -60,7 +79,7 @@ def is_picture(path: Path) -> bool:
 
 
 def has_image_name(path: Path) -> bool:
-    """Whether the suffix is that of a picture."""
+    """Whether the suffix is that of a picture that can be written."""
     return path.suffix.lower() in IMAGE_SUFFIXES
 
 
@@ -73,10 +92,12 @@ def format_of(head: bytes) -> str:
     for mark, form in _MARKS.items():
         if head.startswith(mark):
             return form
-    if head.startswith(_RAW):
-        return "raw"
     if head.startswith(_OTHERS):
         return "other"
+    if head.startswith(_RAW):
+        return "raw"
+    if head.startswith(_VIDEOS) or head[: 2 * _TS_PACKET + 1 : _TS_PACKET] == b"GGG":
+        return "video"
     if head[:4] == b"RIFF":
         return "webp" if head[8:12] == b"WEBP" else "video"
     if head[:2] == b"BM" and len(head) > 18 and struct.unpack_from("<I", head, 14)[0] in _BITMAP_HEADERS:
@@ -93,8 +114,20 @@ _MARKS = {
     b"GIF89a": "gif",
     b"\0\0\0\x0cjP  ": "jp2",
     b"\xff\x4f\xff\x51": "jp2",
-    b"\x1aE\xdf\xa3": "video",
-} | dict.fromkeys((b"II*\0\x08", b"MM\0*", b"II*\0", b"II+\0", b"MM\0+"), "tiff")
+}
+_MARKS |= dict.fromkeys((b"II*\0\x08", b"MM\0*", b"II*\0", b"II+\0", b"MM\0+"), "tiff")
+# Matroska, ASF, Ogg, Flash, MPEG programs and elementary streams, MXF, YUV4MPEG2
+_VIDEOS = (
+    b"\x1aE\xdf\xa3",
+    b"0&\xb2u\x8ef\xcf\x11",
+    b"OggS",
+    b"FLV",
+    b"\0\0\1",
+    b"\0\0\0\1",
+    b"\6\x0e+4",
+    b"YUV4MPEG2",
+)
+_TS_PACKET = 188
 
 
 def _iso_format(head: bytes) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import BinaryIO
 
 ORIENTATION, PHOTOMETRIC, XMP, PROFILE, SUBFILE_TYPE = 0x0112, 0x0106, 0x02BC, 0x8773, 0x00FE
+BITS, EXTRA_SAMPLES = 0x0102, 0x0152
 
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 6: 1, 7: 1, 8: 2, 9: 4, 11: 4, 5: 8, 10: 8, 12: 8}  # bytes, by type
 _SHORT, _BYTES, _UNDEFINED = 3, 1, 7

@@ -6,6 +6,8 @@ written.  What a file is, its content tells (`file_kind.py`); how it is written,
 
 from __future__ import annotations
 
+import contextlib
+import io
 import struct
 import zlib
 from collections.abc import Callable, Mapping, Sequence
@@ -152,11 +154,9 @@ def read_deep(path: Path, note: Note = _ignored) -> DeepImage:
         )
     if form == "heif":
         return _from_heif(path, data)
-    image = _by_opencv(path, data)
+    image = None if form == "tiff" and _has_plain_alpha(data) else _by_opencv(path, data)
     if image is None:
-        image = _by_pillow(path, data)
-        if form not in ("", "other"):
-            note(f"{path.name} is damaged: what cannot be read of it is grey.")
+        image = _by_pillow(path, data, note)
     elif form == "jpeg" and _is_damaged(data):
         note(f"{path.name} is damaged: parts of it may be wrong.")
     return image
@@ -219,26 +219,43 @@ def _by_opencv(path: Path, data: bytes) -> DeepImage | None:
     return shown(np.asarray(raw), stored.get(cv2.IMAGE_METADATA_EXIF, b""), profile)
 
 
-def _by_pillow(path: Path, data: bytes) -> DeepImage:
+def _has_plain_alpha(data: bytes) -> bool:
+    """Whether a TIFF file has 8 bits and alpha by which colours are not multiplied yet; OpenCV would do so."""
+    found = ifd.read_values(data)
+    return max(found.get(ifd.BITS, b"\0")) == 8 and 2 in found.get(ifd.EXTRA_SAMPLES, b"")
+
+
+def _by_pillow(path: Path, data: bytes, note: Note) -> DeepImage:
     """The picture as Pillow reads it: formats that OpenCV does not know, and as much as there is of damaged files."""
-    import io
+    from PIL import Image, ImageFile
 
-    from PIL import Image, ImageFile, ImageOps
-
-    strict, ImageFile.LOAD_TRUNCATED_IMAGES = ImageFile.LOAD_TRUNCATED_IMAGES, True
+    unreadable = (OSError, ValueError, SyntaxError, Image.DecompressionBombError, struct.error)
     try:
-        with Image.open(io.BytesIO(data)) as opened:
-            picture = ImageOps.exif_transpose(opened)
-            profile = opened.info.get("icc_profile")
-            clear = picture.has_transparency_data
-            grey = picture.mode in ("1", "L") and not clear
-            pixels = np.asarray(picture.convert("L" if grey else "RGBA" if clear else "RGB"), np.uint8)
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError, struct.error) as error:
+        with contextlib.suppress(*unreadable):
+            return _opened(data)
+        strict, ImageFile.LOAD_TRUNCATED_IMAGES = ImageFile.LOAD_TRUNCATED_IMAGES, True
+        try:
+            image = _opened(data)
+        finally:
+            ImageFile.LOAD_TRUNCATED_IMAGES = strict
+    except unreadable as error:
         raise MediaError(
             f"{path} is not an image that can be read: give a PNG, JPEG, HEIC, AVIF, TIFF or WebP file."
         ) from error
-    finally:
-        ImageFile.LOAD_TRUNCATED_IMAGES = strict
+    note(f"{path.name} is damaged: what cannot be read of it is grey.")
+    return image
+
+
+def _opened(data: bytes) -> DeepImage:
+    """A picture as Pillow reads it, 8 bits per component."""
+    from PIL import Image, ImageOps
+
+    with Image.open(io.BytesIO(data)) as opened:
+        picture = ImageOps.exif_transpose(opened)
+        profile = opened.info.get("icc_profile")
+        clear = picture.has_transparency_data
+        grey = picture.mode in ("1", "L") and not clear
+        pixels = np.asarray(picture.convert("L" if grey else "RGBA" if clear else "RGB"), np.uint8)
     alpha = np.ascontiguousarray(pixels[..., 3]) if clear else None
     colours: NDArray[np.uint8] = np.ascontiguousarray(pixels if grey else pixels[..., :3])
     return DeepImage(colours, alpha, _fitting(profile, colours))
@@ -337,8 +354,6 @@ def encode_pages(images: Sequence[DeepImage], suffix: str, tags: Mapping[str, st
         done, data = cv2.imencodemulti(".tif", [_stored(image, form) for image in images])
         assert done
         return _with_metadata(data.tobytes(), form, first, tags)
-    import io
-
     from PIL import Image
 
     pages = [Image.fromarray(image.rgb8()) for image in images]

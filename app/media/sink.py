@@ -23,7 +23,7 @@ from guise.app.media.animation_writer import FORMS, LOSSLESS, add_tags, open_wri
 from guise.app.media.encoder import EncodeOptions, available_encoders, ordinary_priority
 from guise.app.media.encoding import Encoding, encoding_for
 from guise.app.media.errors import MediaError, reason
-from guise.app.media.file_kind import has_image_name
+from guise.app.media.file_kind import READ_ONLY_SUFFIXES, has_image_name
 from guise.app.media.frame import Frame
 from guise.app.media.images import PAGES, DeepImage, can_write, changed, encode_deep, encode_pages, lossy_form
 from guise.app.media.input import AnimationInput, ImageInput, MediaInput, VideoInput
@@ -399,6 +399,10 @@ def open_sink(
     if has_image_name(path) and not path.is_dir():
         _check_image(path, media, options)
         return ImageSink(path, force=force, tags=tags)
+    if path.suffix.lower() in READ_ONLY_SUFFIXES:
+        raise MediaError(
+            f"{path.name} is a picture that Guise reads but does not write: use .png, .jpg or .webp."
+        )
     if media.kind == "images" and (path.is_dir() or not path.suffix):
         _check_images(media, options)
         return FolderSink(path, force=force, tags=tags, note=media.problems.note)

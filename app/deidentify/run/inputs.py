@@ -17,7 +17,7 @@ from pathlib import Path, PurePath
 from guise.app.deidentify.options import DeidentifyError
 from guise.app.deidentify.run import remote
 from guise.app.media.animation_writer import FORMS
-from guise.app.media.file_kind import has_image_name, is_picture, kind_of
+from guise.app.media.file_kind import IMAGE_SUFFIXES, READ_ONLY_SUFFIXES, is_picture, kind_of
 from guise.app.media.images import PAGES, can_write
 from guise.common.files import fitting_name, natural_key
 
@@ -106,7 +106,9 @@ class _Search:
             self.purpose.mark
         ):
             return "from an earlier run"
-        known = folder or PurePath(name).suffix.lower() in VIDEO_SUFFIXES or has_image_name(Path(name))
+        known = (
+            folder or PurePath(name).suffix.lower() in VIDEO_SUFFIXES | IMAGE_SUFFIXES | READ_ONLY_SUFFIXES
+        )
         return "" if known or (path is not None and kind_of(path) != "video") else "not a video or image"
 
 
