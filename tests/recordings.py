@@ -97,14 +97,25 @@ def steps(found: list[Fraction]) -> list[float]:
     return [float(b - a) for a, b in pairwise(found)]
 
 
-def with_streams(path: Path, source: Path, *add: Callable[[av.container.OutputContainer], Adding]) -> Path:
+def with_streams(
+    path: Path, source: Path, *add: Callable[[av.container.OutputContainer], Adding], chapters: bool = False
+) -> Path:
     """A copy of a file with more streams, each with ten packets over its first second, or none for None.
 
-    add : adds a stream to the output; returns it and the packets' content.
+    add : adds a stream to the output; returns it and the packets' content.   chapters : whether there is one.
     """
     with av.open(str(source)) as media, av.open(str(path), "w") as out:
         copies = {s.index: out.add_stream_from_template(s, opaque=True) for s in media.streams}
         added = [function(out) for function in add]
+        if chapters:
+            entry = {
+                "id": 1,
+                "start": 0,
+                "end": 500,
+                "time_base": Fraction(1, 1000),
+                "metadata": {"title": "a"},
+            }
+            out.set_chapters([entry])
         out.start_encoding()
         for stream, content in added:
             for number in range(0 if content is None else 10):

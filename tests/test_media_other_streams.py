@@ -155,3 +155,19 @@ def test_a_time_code_is_carried_where_it_is_one(tmp_path: Path, suffix: str, cod
 @pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv", ".webm"])
 def test_a_video_without_other_streams_keeps_its_container(tmp_path: Path, suffix: str) -> None:
     assert suffix_for(tmp_path / f"silent{suffix}", "libvpx-vp9") == suffix
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv", ".ts", ".flv"])
+def test_many_streams_and_chapters_make_a_note_each(tmp_path: Path, suffix: str) -> None:
+    plain = record(tmp_path / "plain.mp4", sound=None)
+    source = with_streams(tmp_path / "many.mkv", plain, *[font] * 5, text, text, chapters=True)
+    target, notes = copied(source, suffix)
+    holder = "" if suffix == ".mkv" else suffix[1:].replace("ts", "mpegts")
+    streams = f"5 attachment streams were left out: {holder} cannot hold them, .mkv can."
+    texts = "Subtitle stream 1 (srt), Subtitle stream 2 (srt)"
+    assert sorted(notes) == sorted(
+        [f"{texts}, {streams}"] * bool(holder)
+        + [f"The chapters were left out: {holder} has none."] * (suffix in (".ts", ".flv"))
+    )
+    with av.open(str(target)) as media:
+        assert bool(media.chapters()) == (suffix in (".mp4", ".mkv"))

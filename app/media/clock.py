@@ -75,7 +75,7 @@ class FileClock:
         """One sentence about the jumps, or None."""
         if not self.jumps:
             return None
-        more = f" and at {len(self.jumps) - 1} more places" if len(self.jumps) > 1 else ""
+        more = f" and {len(self.jumps) - 1} more" if len(self.jumps) > 1 else ""
         at = f"{float(self.jumps[0]):.2f} s{more}"
         return f"The input's clock jumps at {at}: what follows was joined, all streams alike."
 

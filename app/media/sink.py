@@ -39,6 +39,7 @@ from guise.app.media.stream_copies import (
     muxer_options,
     timecode_of,
 )
+from guise.app.media.trial import Trial
 from guise.common.errors import OutputError
 from guise.common.files import WholeOutput
 
@@ -128,8 +129,10 @@ class VideoOutput(Sink):
             self._stream.metadata.update({"timecode": code} if code else {})
             if isinstance(media, VideoInput):
                 self._copies = StreamCopier(self._output, media, private=private, audio=audio, timecode=code)
-                if not private:
-                    self._output.set_chapters(media.container.chapters())
+                if not private and (chapters := media.container.chapters()):
+                    self._output.set_chapters(chapters)
+                    if not Trial(format_name).keeps_chapters():
+                        media.problems.note(f"The chapters were left out: {format_name} has none.")
             self._start()
         except BaseException:
             self.abort()

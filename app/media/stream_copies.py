@@ -50,6 +50,7 @@ _MOV_KEYS = frozenset(
 # Containers that support variable frame rates and arbitrary other streams.
 _FULL_CONTAINERS = frozenset({"mp4", "mov", "ipod", "3gp", "3g2", "matroska", "webm", "mpegts", "flv", "nut"})
 _FALLBACKS = (".mp4", ".mkv")  # of a result that the input's own container does not hold
+_MOST_NAMED = 3  # streams of one kind in a note
 _WIDEST = "matroska"  # the container that holds the most
 _CODE = re.compile(r"\d\d:[0-5]\d:[0-5]\d[:;.]\d\d")
 _ROTATING = frozenset({"mp4", "mov", "matroska", "ipod", "3gp", "3g2"})
@@ -112,14 +113,13 @@ class StreamCopier:
         self._encodings: list[SoundEncoding] = []
         self._copied: list[Stream] = []
         self._last_dts: dict[int, int] = {}
-        left_out: dict[str, list[str]] = {}
+        left_out: dict[str, list[Stream]] = {}
         for stream in media.container.streams:
             wanted = stream.index != media.stream.index and (stream.type != "audio" or audio != "drop")
             if wanted and (reason := self._add(stream, media, audio)):
-                left_out.setdefault(reason, []).append(_title(stream))
-        for reason, titles in left_out.items():
-            was = "was" if len(titles) == 1 else "were"
-            self._problems.note(f"{', '.join(titles)} {was} left out: {reason}.")
+                left_out.setdefault(reason, []).append(stream)
+        for reason, streams in left_out.items():
+            self._problems.note(_left_out(streams, reason))
 
     def _add(self, stream: Stream, media: VideoInput, audio: Audio) -> str | None:
         """Add the output's stream; returns why it has to be left out, or nothing where that needs no note."""
@@ -140,9 +140,9 @@ class StreamCopier:
         if self._timecode and stream.metadata.get("timecode") == self._timecode:
             return None  # the pictures' metadata have it
         if codec_name(stream) == UNKNOWN:
-            return "its format is unknown"
+            return "{its} format is unknown"
         holder = ", .mkv can" if Trial(_WIDEST).keeps(stream) else ""
-        return f"{self._output.format.name} cannot hold it{holder}"
+        return f"{self._output.format.name} cannot hold {{them}}{holder}"
 
     def _add_copy(self, stream: Stream) -> None:
         self._copied.append(stream)
@@ -218,12 +218,12 @@ def _why_dropped(stream: Stream, media: VideoInput, private: bool) -> str | None
     if isinstance(stream, av.video.stream.VideoStream):
         return "a cover may show the face" if is_still(stream) else "only the first video is processed"
     if private and stream.type == "subtitle":
-        return "it may name people or, as in drones' videos, places"
+        return "{they} may name people or, as in drones' videos, places"
     if stream.type in ("audio", "subtitle"):
         return None
     if stream.name == "bin_data" and media.container.chapters():
         return ""  # the chapter titles of an MP4, which are copied as chapters
-    return "it may identify people" if private else None
+    return "{they} may identify people" if private else None
 
 
 def timecode_of(media: MediaInput, format_name: str) -> str:
@@ -260,6 +260,21 @@ def without_vorbis_comments(headers: bytes) -> bytes:
 
 def _title(stream: Stream) -> str:
     return f"{stream.type.capitalize()} stream {stream.index} ({codec_name(stream)})"
+
+
+def _left_out(streams: Sequence[Stream], reason: str) -> str:
+    """The sentence that streams were left out; many of one kind are counted.
+
+    reason : with the pronouns they, them and its in braces.
+    """
+    kinds = dict.fromkeys(stream.type for stream in streams)
+    titles = []
+    for kind in kinds:
+        alike = [_title(stream) for stream in streams if stream.type == kind]
+        titles += alike if len(alike) <= _MOST_NAMED else [f"{len(alike)} {kind} streams"]
+    if len(streams) == 1:
+        return f"{titles[0]} was left out: {reason.format(they='it', them='it', its='its')}."
+    return f"{', '.join(titles)} were left out: {reason.format(they='they', them='them', its='their')}."
 
 
 def can_hold(suffix: str, copied: Sequence[Stream], encoder: str = "") -> bool:

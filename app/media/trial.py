@@ -6,6 +6,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import av
 import av.error
@@ -14,13 +15,14 @@ from av.container import OutputContainer
 from av.packet import Packet
 from av.stream import Stream
 
-_PLACEHOLDERS = (
-    "mpeg4",
-    "vp8",
-    "flv1",
-)  # videos whose headers need no data of an encoder; one suits each container
-UNKNOWN = "unknown"  # codec
+if TYPE_CHECKING:
+    from av.container.core import Chapter
+
+# Videos whose headers need no data of an encoder; one suits each container.
+_PLACEHOLDERS = ("mpeg4", "vp8", "flv1")
 _MILLISECOND = Fraction(1, 1000)
+_CHAPTER: Chapter = {"id": 1, "start": 0, "end": 1, "time_base": _MILLISECOND, "metadata": {"title": "1"}}
+UNKNOWN = "unknown"  # codec
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,16 @@ class Trial:
         """Whether the time code of the pictures is there again when the file is read."""
         return timecode in (self._read_back(None, timecode) or {}).values()
 
+    def keeps_chapters(self) -> bool:
+        """Whether chapters are there again when the file is read."""
+        for video in _PLACEHOLDERS:
+            try:
+                with av.open(self._written(video, None, "", chapters=True)) as media:
+                    return bool(media.chapters())
+            except (ValueError, av.error.FFmpegError):
+                continue
+        return False
+
     def _read_back(self, stream: Stream | None, timecode: str = "") -> dict[_Kind, str] | None:
         """The streams of a file with a packet of a video and one of a stream, with their time codes.
 
@@ -95,7 +107,9 @@ class Trial:
                 continue
         return None
 
-    def _written(self, video: str, stream: Stream | None, timecode: str) -> io.BytesIO:
+    def _written(
+        self, video: str, stream: Stream | None, timecode: str, *, chapters: bool = False
+    ) -> io.BytesIO:
         file = io.BytesIO()
         with av.open(file, "w", format=self._format) as output:
             pictures = output.add_mux_stream(video, self._rate, width=64, height=48, time_base=_MILLISECOND)
@@ -105,6 +119,8 @@ class Trial:
             if stream is not None:
                 streams.append(output.add_stream_from_template(stream, opaque=True))
                 streams[1].metadata.update(stream.metadata)
+            if chapters:
+                output.set_chapters([_CHAPTER])
             output.start_encoding()
             for target in streams:
                 if target.type != "attachment":
