@@ -10,6 +10,8 @@ import pytest
 from recordings import RATE, STEP, join, record, steps, times
 
 from guise.app.media import EncodeOptions, open_input, open_sink, process
+from guise.app.media.audio_reader import AudioReader
+from guise.app.media.input import VideoInput
 from guise.app.media.segments import read_frames, scan
 
 WRAP = Fraction(2**33, 90000)
@@ -146,3 +148,20 @@ def test_a_joined_file_is_read_from_its_start_by_all_who_seek(tmp_path: Path) ->
     found = scan(source, 10)
     assert found.pts.tolist() == expected
     assert [frame.pts for frame in read_frames(source, found, 30, 40)] == expected[30:40]
+
+
+@pytest.mark.parametrize("kind", ["wrap", "joined", "plain"])
+def test_sound_is_played_on_the_same_clock(tmp_path: Path, kind: str) -> None:
+    part = record(tmp_path / "part.ts", WRAP - 1 if kind == "wrap" else 0, frames=48)
+    source = join(tmp_path / "source.ts", *[part] * (2 if kind == "joined" else 1))
+    with VideoInput(source) as media, AudioReader(media) as reader:
+        heard = [time for time, _ in iter(reader.read, None)]
+        shown = [float(frame.pts * frame.time_base) for frame in media]
+        assert heard[0] == pytest.approx(shown[0], abs=0.05)
+        assert heard[-1] == pytest.approx(shown[-1], abs=0.05)
+        middle = shown[len(shown) * 3 // 4]
+        reader.seek(middle)
+        time = next(time for time, _ in iter(reader.read, None))
+        assert middle - 1.5 < time < middle + 0.1
+        reader.seek(0)
+        assert next(time for time, _ in iter(reader.read, None)) == heard[0]

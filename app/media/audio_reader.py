@@ -11,6 +11,7 @@ import numpy as np
 from av.audio.frame import AudioFrame
 from av.audio.resampler import AudioResampler
 
+from guise.app.media.clock import Retimer
 from guise.app.media.input import VideoInput
 from guise.app.media.reader import AnyPacket, open_container
 from guise.common.arrays import F32
@@ -28,15 +29,22 @@ class AudioReader(Closing):
     """
 
     def __init__(self, media: VideoInput) -> None:
+        self._media = media
         self._container = open_container(media.path)
-        self._stream = self._container.streams.audio[0]
         self.seek(0.0)
 
     def seek(self, seconds: float) -> None:
         """Continue with what is heard at that time of the file, or slightly before."""
-        with contextlib.suppress(av.error.FFmpegError):  # without an index, from the beginning
-            self._container.seek(max(0, round(seconds * av.time_base)))
-        self._blocks = self._decoded()
+        clock = self._media.clock
+        if clock.jumps:  # only a pass from the start tells where packets lie
+            self._container.close()
+            self._container = open_container(self._media.path)
+        else:
+            index = self._container.streams.audio[0].index
+            raw = max(seconds, 0.0) - float(clock.shift(index))
+            with contextlib.suppress(av.error.FFmpegError):  # without an index, from the beginning
+                self._container.seek(round(raw * av.time_base))
+        self._blocks = self._decoded(seconds if clock.jumps else 0.0)
 
     def read(self) -> tuple[float, Samples] | None:
         """The next block: its time in the file, seconds, and (n, 2) float32 in [-1, 1]; None at the end."""
@@ -46,7 +54,7 @@ class AudioReader(Closing):
         """Close the file."""
         self._container.close()
 
-    def _decoded(self) -> Iterator[tuple[float, Samples]]:
+    def _decoded(self, begin: float) -> Iterator[tuple[float, Samples]]:
         resampler = AudioResampler("flt", "stereo", SAMPLE_RATE)
         for packet in self._packets():
             try:
@@ -55,9 +63,15 @@ class AudioReader(Closing):
                 continue  # a damaged packet is silence
             for frame in frames:
                 assert isinstance(frame, AudioFrame)
+                if frame.time is not None and frame.time + frame.samples / frame.sample_rate < begin:
+                    continue
                 for block in resampler.resample(frame):
                     yield float(block.time or 0.0), np.asarray(block.to_ndarray(), np.float32).reshape(-1, 2)
 
     def _packets(self) -> Iterator[AnyPacket]:
+        retime, stream = Retimer(self._media.clock), self._container.streams.audio[0]
         with contextlib.suppress(av.error.FFmpegError):  # the file is cut short
-            yield from self._container.demux(self._stream)  # type: ignore[misc]
+            packet: AnyPacket
+            for packet in self._container.demux(stream):  # type: ignore[assignment]
+                retime(packet)
+                yield packet
