@@ -135,7 +135,10 @@ def test_values_out_of_range_are_refused(
             "p01.guise is not a video that can be read (Invalid data found when processing input): give a video "
             "file, an image or a folder of images.",
         ),
-        (["void.png"], "void.png holds no image that can be read: give .png or .jpg files, or a video file."),
+        (
+            ["void.png"],
+            "void.png is not an image that can be read: give a PNG, JPEG, HEIC, AVIF, TIFF or WebP file.",
+        ),
         (
             [TALK2, "--encoder", "foo"],
             "Encoder 'foo' is not available: use one of libx264, libx265, libsvtav1, libvpx-vp9, ffv1.",

@@ -322,3 +322,32 @@ def test_a_full_disk_is_a_sentence_and_can_be_resumed(
     subprocess.run(["mount", "-o", "remount,size=16m", small_disk], check=True)
     assert deidentify("a.mp4", "-o", str(small_disk), "--resume", "-q") == 3
     assert_hidden(shown(Path("a.mp4")), shown(small_disk / "a_deidentified.mp4"))
+
+
+@pytest.mark.parametrize("outside", ["cut", "keep"])
+def test_faces_outside_a_part_are_cut_off_or_left_as_asked(
+    here: Path, faces: list[np.ndarray], outside: str
+) -> None:
+    encode("a.mkv", faces, "ffv1", options={})
+    call = (
+        "a.mkv",
+        "-o",
+        "b.mkv",
+        "--encoder",
+        "ffv1",
+        "--from",
+        "0.05",
+        "--to",
+        "0.15",
+        "--outside",
+        outside,
+    )
+    deidentify("-q", *call)
+    before, after = shown(Path("a.mkv")), shown(Path("b.mkv"))
+    first = 2 if outside == "cut" else 0
+    assert len(after) == (3 if outside == "cut" else 6)
+    same = [bool((a == b).all()) for a, b in zip(before[first:], after, strict=False)]
+    assert same == ([False] * 3 if outside == "cut" else [True] * 2 + [False] * 3 + [True])
+    report = json.loads(Path("b.report.json").read_text())
+    assert report["counts"]["left"] == (0 if outside == "cut" else 3)
+    assert report["settings"]["outside"] == outside

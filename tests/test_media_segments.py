@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
@@ -229,9 +230,9 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """The inputs that were opened."""
     paths: list[Path] = []
 
-    def recorded(path: Path) -> object:
+    def recorded(path: Path, **more: Any) -> object:
         paths.append(path)
-        return open_input(path)
+        return open_input(path, **more)
 
     monkeypatch.setattr(segments, "open_input", recorded)
     return paths

@@ -1,6 +1,7 @@
 """Swapping files by the library: what is changed, kept, counted and marked."""
 
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import cv2
@@ -18,6 +19,7 @@ from guise.app.drawing.look import SWAP
 from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.media import EncodeOptions, open_input
 from guise.app.media.synthetic import DIGITAL_SOURCE_TYPE
+from guise.app.media.time_range import TimeRange
 from guise.app.swapping.file import swap_file
 from guise.app.swapping.report import SwapError, SwapSettings
 from guise.common.threads import one_thread
@@ -193,3 +195,23 @@ def test_one_thread_is_for_the_block_only() -> None:
         assert cv2.getNumThreads() == 1
         assert set(threads()) == {1}
     assert (cv2.getNumThreads(), threads()) == (in_opencv, in_blas)
+
+
+@pytest.mark.slow
+def test_outside_a_part_frames_are_kept_bit_by_bit_or_cut(
+    tmp_path: Path, clip: Path, p01: Identity, p06: Identity
+) -> None:
+    part = replace(LOSSLESS, part=TimeRange(Fraction(4, 30), Fraction(8, 30)))
+    kept = swap_file(clip, p06, tmp_path / "kept.mp4", source=p01, settings=part)
+    assert (kept.frames, kept.swapped, kept.untouched) == (12, 4, 8)
+    before, after = list(pictures(clip)), list(pictures(tmp_path / "kept.mp4"))
+    assert [bool((a != b).any()) for a, b in zip(before, after, strict=True)] == [False] * 4 + [True] * 4 + [
+        False
+    ] * 4
+    cut_off = swap_file(clip, p06, tmp_path / "cut.mp4", source=p01, settings=replace(part, outside="cut"))
+    assert (cut_off.frames, cut_off.swapped, cut_off.untouched) == (4, 4, 0)
+    assert len(list(pictures(tmp_path / "cut.mp4"))) == 4
+    late = replace(LOSSLESS, part=TimeRange(Fraction(9)))
+    with pytest.raises(SwapError, match="shows no frame from 9 s"):
+        swap_file(clip, p06, tmp_path / "late.mp4", source=p01, settings=late)
+    assert not (tmp_path / "late.mp4").exists()

@@ -72,9 +72,10 @@ def swap_each(
 def summary(report: SwapReport, word: str) -> str:
     """What was done to a file, in a line.   word : what was done to most frames."""
     covered = f"{report.covered} covered, " if report.covered else ""
+    untouched = f", {report.untouched} untouched" if report.untouched else ""
     return (
         f"{report.swapped} of {report.frames} frames {word}, {report.held} held, {covered}"
-        f"{report.lost} lost; {report.seconds:.1f} s, {report.frames_per_second:.1f} frames per second"
+        f"{report.lost} lost{untouched}; {report.seconds:.1f} s, {report.frames_per_second:.1f} frames per second"
     )
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 WORK = "guise-work"
 OPTIONS = (
     "donor", "gallery", "cover", "region", "alpha", "renderer", "seed", "keyfile", "audio", "keep_metadata", "label",
-    "audit", "detector",
+    "audit", "detector", "start", "end", "outside",
 )  # fmt: skip
 
 

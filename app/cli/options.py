@@ -44,6 +44,19 @@ OutputOrFolder = Annotated[
         help="The file to write, or for several inputs a folder, in which they are called NAME_swapped.",
     ),
 ]  # fmt: skip
+From = Annotated[
+    str | None,
+    typer.Option(
+        "--from", metavar="TIME", help="Where the part to work on begins: seconds, 1:30 or 1:02:30."
+    ),
+]
+To = Annotated[
+    str | None, typer.Option("--to", metavar="TIME", help="Where it ends; default: with the video.")
+]
+OutsideChoice = Annotated[
+    Literal["keep", "cut"],
+    typer.Option("--outside", help="What lies outside --from and --to: keep it as it is, or cut it off."),
+]
 _IDENTITY = typer.Option(
     "--identity",
     metavar="FACE",

@@ -18,6 +18,7 @@ from guise.app.cli.options import (
     FaceMap,
     FaceSpec,
     Force,
+    From,
     HardwareDecoding,
     LandmarkerSpec,
     LandmarkFile,
@@ -27,10 +28,12 @@ from guise.app.cli.options import (
     OthersChoice,
     Output,
     OutputOrFolder,
+    OutsideChoice,
     Part,
     Rest,
     Shown,
     SourceSpec,
+    To,
     UnsureOption,
     Video,
     Videos,
@@ -63,6 +66,9 @@ def swap(
     landmarker: LandmarkerSpec = None,
     drawing: Annotated[DrawingChoices, Part(DrawingChoices)],
     rest: Rest = None,
+    from_: From = None,
+    to: To = None,
+    outside: OutsideChoice = "keep",
     detector: Detector = "builtin",
     unsure: UnsureOption = "cover",
     hwaccel: HardwareDecoding = "none",
@@ -73,6 +79,7 @@ def swap(
 ) -> int:
     """Replace the face of the person in a video by another, or of each of several people."""
     from guise.app.drawing.look import SWAP
+    from guise.app.media.time_range import TimeRange
 
     for_one = (source, landmarks, landmarker, rest is not None, detector != "builtin")
     casting = _casting(identity, map, others, for_one, unsure)
@@ -86,6 +93,8 @@ def swap(
             settings,
             unsure=unsure,
             keep_people=not no_keep,
+            part=TimeRange.between(from_, to),
+            outside=outside,
             rest_seconds=rest,
             graded=console.json or not console.quiet,
             hwaccel=hwaccel,
@@ -169,6 +178,9 @@ def puppet(
     landmarks: LandmarkFile = None,
     landmarker: LandmarkerSpec = None,
     drawing: Annotated[DrawingChoices, Part(DrawingChoices, ("look", "alpha", "renderer"))],
+    from_: From = None,
+    to: To = None,
+    outside: OutsideChoice = "keep",
     detector: Detector = "builtin",
     encoding: Encode,
     no_keep: NoKeep = False,
@@ -177,12 +189,15 @@ def puppet(
 ) -> None:
     """Animate another head with the expressions of the person in a video."""
     from guise.app.drawing.look import SWAP
+    from guise.app.media.time_range import TimeRange
     from guise.app.swapping.puppet import puppet_file
 
     look = look_of(drawing, SWAP)
     with Stages(console) as stages:
         settings = _settings(console, stages, look, encoding, detector, force)
-        settings = replace(settings, keep_people=not no_keep)
+        settings = replace(
+            settings, keep_people=not no_keep, part=TimeRange.between(from_, to), outside=outside
+        )
         shown, person = _open(identity, source, landmarks, landmarker)
         report = puppet_file(video, shown, output, source=person, settings=settings)
     say_report(console, report, "followed")

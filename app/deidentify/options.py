@@ -12,10 +12,12 @@ from guise.common.option import option
 
 if TYPE_CHECKING:
     from guise.app.media import EncodeOptions
+    from guise.app.media.time_range import TimeRange
 
 Cover = Literal["solid", "mosaic", "blur"]
 Audio = Literal["keep", "drop", "mask", "disguise"]
 Region = Literal["face", "head"]
+Outside = Literal["keep", "cut"]
 AuditExtent = Literal["sampled", "full"]
 
 
@@ -86,6 +88,32 @@ class DeidentifyOptions:
     region: Region = option(
         "face", "What a swap replaces: the face, or the head with hair, ears and outline."
     )
+
+    start: str | None = option(
+        None,
+        "Where the part to work on begins: seconds, 1:30 or 1:02:30.",
+        name="--from",
+        metavar="TIME",
+    )
+    end: str | None = option(None, "Where it ends; default: with the video.", name="--to", metavar="TIME")
+    outside: Outside = option(
+        "cut", "What lies outside --from and --to: cut it off, or keep it as it is, with all its faces."
+    )
+
+    @property
+    def read(self) -> TimeRange | None:
+        """The part of a file that is read, as the rest is cut off; None for all."""
+        return self._part() if self.outside == "cut" else None
+
+    @property
+    def drawn(self) -> TimeRange | None:
+        """The part of what is read in which faces are hidden; None for all."""
+        return self._part() if self.outside == "keep" else None
+
+    def _part(self) -> TimeRange | None:
+        from guise.app.media.time_range import TimeRange
+
+        return TimeRange.between(self.start, self.end)
 
     def as_json(self) -> dict[str, Any]:
         """The options as JSON holds them."""

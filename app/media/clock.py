@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise
@@ -59,6 +59,7 @@ class FileClock:
     steps : by stream index; the first starts at packet 0.
     jumps : where the clock of the pictures jumped, seconds after it was put right.
     start, end, pictures : of the pictures, seconds and number, where the file was read for it; otherwise 0.
+    moved_by : how much later than the file's own it begins, seconds, see `moved`.
     """
 
     steps: Mapping[int, tuple[ClockChange, ...]] = field(default_factory=dict)
@@ -66,10 +67,26 @@ class FileClock:
     start: Fraction = Fraction(0)
     end: Fraction = Fraction(0)
     pictures: int = 0
+    moved_by: Fraction = Fraction(0)
 
     def shift(self, index: int) -> Fraction:
         """What is added to the times of a stream's first packets, seconds."""
         return self.steps[index][0].added if index in self.steps else Fraction(0)
+
+    def moved(self, seconds: Fraction, streams: Iterable[int]) -> FileClock:
+        """The clock that counts from so many seconds later on, for streams by index."""
+        still = (ClockChange(0, Fraction(0), None),)
+        steps = {
+            index: tuple(step._replace(added=step.added - seconds) for step in self.steps.get(index, still))
+            for index in streams
+        }
+        return replace(
+            self,
+            steps=steps,
+            start=self.start - seconds,
+            end=self.end - seconds,
+            moved_by=self.moved_by + seconds,
+        )
 
     def note(self) -> str | None:
         """One sentence about the jumps, or None."""

@@ -5,12 +5,13 @@ Pictures come as `Frame`s in display orientation with integer time stamps.  Ever
 
 from __future__ import annotations
 
+import math
 import stat
 from collections.abc import Callable, Collection, Iterable, Iterator
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import av
 
@@ -27,6 +28,7 @@ from guise.app.media.images import DeepImage, eight_bits, list_images, read_deep
 from guise.app.media.orientation import AS_STORED, Orientation, parse_display_matrix
 from guise.app.media.pixel_formats import has_alpha
 from guise.app.media.reader import (
+    LIMITS,
     AnyPacket,
     ProblemLog,
     VideoReader,
@@ -34,7 +36,11 @@ from guise.app.media.reader import (
     main_video,
     open_container,
 )
+from guise.app.media.time_range import TimeRange
 from guise.common.closing import Closing
+
+if TYPE_CHECKING:
+    from av.container.core import Chapter
 
 Kind = Literal["video", "image", "images"]
 IMAGES_PER_SECOND = Fraction(30)
@@ -198,6 +204,10 @@ class VideoInput(MediaInput):
         """The video stream that is decoded."""
         return self._template.stream
 
+    def chapters(self) -> list[Chapter]:
+        """The chapters of the file."""
+        return self.container.chapters()
+
     def send_packets_to(self, listener: Callable[[AnyPacket], None]) -> None:
         """Pass every packet of the other streams to `listener` during the next pass, and only that one."""
         self._listener = listener
@@ -249,10 +259,91 @@ class VideoInput(MediaInput):
             reader.close()
 
 
-class ImageInput(MediaInput):
-    """One image file, or the images of a folder in natural order, 30 per second."""
+class VideoPart(VideoInput):
+    """A part of a video file, of all streams; times count from its first picture."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, part: TimeRange, hwaccel: HardwareDecoder = "none") -> None:
+        self._length: Fraction | None = None
+        self._seeks = False
+        super().__init__(path, hwaccel)
+        try:
+            self._cut(part)
+        except BaseException:
+            self.close()
+            raise
+
+    def _cut(self, part: TimeRange) -> None:
+        """Count from the first picture of the part on."""
+        begin, whole = (self.first_picture.pts or 0) * self.time_base, self.clock.shift(self.stream.index)
+        self._first_pass, self._early_packets = None, []
+        self._seeks = part.start > LIMITS.seek_seconds
+        first = self._move(math.ceil((begin + part.start) / self.time_base) * self.time_base)
+        if first is None:
+            lasts = "" if self.duration is None else f", which lasts {float(self.duration):.2f} s"
+            raise MediaError(f"--from {float(part.start):g} lies after the end of {self.name}{lasts}.")
+        if part.end is not None:
+            self._length = begin + part.end + self.clock.shift(self.stream.index) - whole
+            if self._length <= 0:
+                raise MediaError(f"{self.name} shows no picture {part.told()}.")
+        left = None if self.duration is None else max(self.duration - part.start - first, Fraction(0))
+        self.duration = self._length if left is None else min(left, self._length or left)
+        if self.duration is not None:
+            self.frame_count = max(round(self.duration * self.frame_rate), 1)
+
+    def _move(self, begin: Fraction) -> Fraction | None:
+        """Let the clock begin with the first picture from a time on; how much later it is shown, None without one."""
+        indices = [stream.index for stream in self.container.streams]
+        whole, self.clock = self.clock, self.clock.moved(begin, indices)
+        self._seeks &= not self.clock.jumps and self._reaches()
+        with self.open_reader(ProblemLog()) as reader:
+            picture = next(iter(reader), None)
+        if picture is None:
+            return None
+        first = (picture.pts or 0) * self.time_base
+        self.clock = whole.moved(begin + first, indices)
+        return first
+
+    def _reaches(self) -> bool:
+        """Whether seeking leads to a keyframe before the part."""
+        with super().open_reader(ProblemLog()) as reader:
+            if reader.has_decoding_times:  # which count from the start
+                return False
+            reader.only_video()
+            try:
+                reader.limit(None, seeks=True)
+            except av.error.FFmpegError:
+                return False
+            packet = next((p for p in reader.packets() if p.stream is reader.stream and p.size), None)
+            return packet is not None and packet.is_keyframe and packet.pts is not None and packet.pts <= 0
+
+    def chapters(self) -> list[Chapter]:
+        """Those of the part, in its times."""
+        found: list[Chapter] = []
+        moved = self.clock.shift(self.stream.index)
+        for chapter in super().chapters():
+            unit = Fraction(chapter["time_base"] or 1)
+            start = max(moved + chapter["start"] * unit, Fraction(0))
+            end = moved + chapter["end"] * unit
+            end = end if self._length is None else min(end, self._length)
+            if end > start:
+                copy = chapter.copy()
+                copy["start"], copy["end"] = round(start / unit), round(end / unit)
+                found.append(copy)
+        return found
+
+    def open_reader(self, problems: ProblemLog) -> VideoReader:
+        reader = super().open_reader(problems)
+        reader.limit(self._length, seeks=self._seeks)
+        return reader
+
+
+class ImageInput(MediaInput):
+    """One image file, or the images of a folder in natural order, 30 per second.
+
+    part : of the folder; its times count from its first image.
+    """
+
+    def __init__(self, path: Path, part: TimeRange | None = None) -> None:
         super().__init__(path)
         self.kind = "images" if path.is_dir() else "image"
         self.files = list_images(path, self.problems.note) if path.is_dir() else [path]
@@ -260,6 +351,8 @@ class ImageInput(MediaInput):
             raise MediaError(
                 f"{path} is a folder without images: give one with .png or .jpg files, or a video file."
             )
+        if part is not None:
+            self.files = _those_within(part, self.files, path)
         self._versions = [file_version(file) for file in self.files]
         self.frame_rate = IMAGES_PER_SECOND
         first = next(iter(self), None)
@@ -295,6 +388,16 @@ class ImageInput(MediaInput):
         return self.files
 
 
+def _those_within(part: TimeRange, files: list[Path], folder: Path) -> list[Path]:
+    """The images of a folder that are shown in a part."""
+    found = [file for index, file in enumerate(files) if part.holds(index / IMAGES_PER_SECOND)]
+    if not found:
+        raise MediaError(
+            f"{folder} has no image {part.told()}: its {len(files)} images count as 30 per second."
+        )
+    return found
+
+
 def file_version(path: Path) -> tuple[str, int, int] | None:
     """What changes with a file: its name, size and time; None for what isn't a file, such as a pipe."""
     try:
@@ -307,13 +410,16 @@ def file_version(path: Path) -> tuple[str, int, int] | None:
 class AnimationInput(MediaInput):
     """A file of several pictures, see `Pictures`: an animation, which moves like a video, or pages, like a folder."""
 
-    def __init__(self, path: Path, kind: FileKind) -> None:
+    def __init__(self, path: Path, kind: FileKind, part: TimeRange | None = None) -> None:
         super().__init__(path)
+        self._part = part or TimeRange()
         self.kind = "video" if kind == "animation" else "images"
         self.time_base = TIME_BASE if kind == "animation" else 1 / IMAGES_PER_SECOND
         self.pictures = Pictures(path, kind, self.problems)
         first = next(iter(self), None)
         if first is None:
+            if self._part != TimeRange():
+                raise MediaError(f"{path} shows no picture {self._part.told()}.")
             raise MediaError(f"{path} is damaged: none of its pictures can be read.")
         self.width, self.height = first.width, first.height
         self.frame_rate = 1 / (first.duration * self.time_base) if first.duration else IMAGES_PER_SECOND
@@ -321,11 +427,14 @@ class AnimationInput(MediaInput):
         self.duration = self.frame_count / self.frame_rate
 
     def __iter__(self) -> Iterator[Frame]:
-        pts = 0
-        for index, (image, delay) in enumerate(self.pictures):
-            frame = _frame_of(image, pts, self.time_base, index)
-            frame.duration = delay
-            yield frame
+        pts = index = before = 0
+        for image, delay in self.pictures:
+            if self._part.holds(pts * self.time_base):
+                before = before if index else pts
+                frame = _frame_of(image, pts - before, self.time_base, index)
+                frame.duration = delay
+                yield frame
+                index += 1
             pts += delay or 1
         self.note_replaced()
 
@@ -338,10 +447,13 @@ def _frame_of(image: DeepImage, pts: int, time_base: Fraction, index: int, name:
     return frame
 
 
-def open_input(path: Path | str, hwaccel: HardwareDecoder = "none") -> MediaInput:
+def open_input(
+    path: Path | str, hwaccel: HardwareDecoder = "none", part: TimeRange | None = None
+) -> MediaInput:
     """Open a video file, an image or a folder of images.
 
     hwaccel : the device that decodes a video, "auto" for one that works, or "none" for the processor.
+    part : of it, as if there were no more; None for the whole.
     Raises UnreadableError when there is nothing to read.
     """
     path = Path(path)
@@ -350,10 +462,10 @@ def open_input(path: Path | str, hwaccel: HardwareDecoder = "none") -> MediaInpu
             raise MediaError(f"{path} does not exist: give a video file, an image or a folder of images.")
         kind = "image" if path.is_dir() else kind_of(path)
         if kind == "image":
-            return ImageInput(path)
+            return ImageInput(path, part)
         if kind != "video":
-            return AnimationInput(path, kind)
-        return VideoInput(path, hwaccel)
+            return AnimationInput(path, kind, part)
+        return VideoInput(path, hwaccel) if part is None else VideoPart(path, part, hwaccel)
     except MediaError as error:
         raise UnreadableError(str(error)) from error
 

@@ -6,6 +6,7 @@ All streams but the chosen video stream are passed on as packets, undecoded.
 from __future__ import annotations
 
 import heapq
+import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -51,6 +52,8 @@ class ReadingLimits:
     max_problems: int = 200  # that are listed one by one
     max_missing_seconds: Fraction = Fraction(1, 2)  # at the end, by the duration in the header
     max_delayed_packets: int = 64  # that a decoder may hold back at the end of a file
+    seek_seconds: Fraction = Fraction(2)  # before a part, from where its keyframe is searched backwards
+    interleaving_seconds: Fraction = Fraction(10)  # by which sound may lie behind pictures in a file
 
 
 LIMITS = ReadingLimits()
@@ -181,6 +184,8 @@ class VideoReader(Closing):
         self._first_aspect = self._pixel_aspect()
         self._start: int | None = None
         self._started = True
+        self._length: Fraction | None = None  # of the part that is read, seconds
+        self._ended: set[int] = set()  # streams that have come to its end
 
     @cached_property
     def has_decoding_times(self) -> bool:
@@ -215,6 +220,16 @@ class VideoReader(Closing):
         self._shape = (first.width, first.height, first.format.name)
         shift = round(self.clock.shift(self.stream.index) / self.time_base)
         self.container.seek(min(pts, dts) - shift, stream=self.stream)
+
+    def limit(self, length: Fraction | None, *, seeks: bool) -> None:
+        """Yield only what begins in [0, length) seconds of the clock, of all streams; None is to the end.
+
+        seeks : begin to read shortly before, instead of at the start of the file.
+        """
+        self._length = Fraction(2**62) if length is None else length
+        if seeks:
+            before = -LIMITS.seek_seconds - self.clock.shift(self.stream.index)
+            self.container.seek(round(before / self.time_base), stream=self.stream)
 
     def _leave_out(self, streams: Iterable[av.stream.Stream]) -> None:
         """Read no packets of streams other than the chosen one."""
@@ -254,6 +269,9 @@ class VideoReader(Closing):
     def _last_duration(self, picture: av.VideoFrame) -> int:
         """Until the end of the stream where the container tells it, otherwise the average; 0 if unknown."""
         assert picture.pts is not None
+        if self._length is not None:
+            left = math.ceil(self._length / self.time_base) - picture.pts
+            return min(self._usual_duration(picture), left)
         end = (self.stream.start_time or 0) + (self.stream.duration or 0)
         end += round(self.clock.shift(self.stream.index) / self.time_base)
         if end > picture.pts and "mp4" in self.container.format.name:
@@ -283,16 +301,45 @@ class VideoReader(Closing):
                 for packet in self.container.demux():
                     failures = 0
                     retime(packet)
-                    yield packet
+                    if self._length is None or self._is_needed(packet):
+                        yield packet
+                    elif self._is_over(packet):
+                        yield self._flush()
+                        return
                 return
             except av.error.FFmpegError as error:
                 failures += 1
                 self.problems.note_damage(
                     f"The file is damaged after {self._clock()} ({reason(error)}); parts may be missing."
                 )
+        yield self._flush()
+
+    def _flush(self) -> AnyPacket:
+        """What makes the decoder give out the pictures that it holds."""
         flush: AnyPacket = Packet()
         flush.stream = self.stream
-        yield flush
+        return flush
+
+    def _is_needed(self, packet: AnyPacket) -> bool:
+        """Whether a packet belongs to the part, or is needed to decode it."""
+        time = packet.dts if packet.stream is self.stream else packet.pts
+        if time is None:
+            time = packet.pts if packet.stream is self.stream else packet.dts
+        if time is None or self._length is None:
+            return True
+        seconds = time * Fraction(packet.time_base)
+        return seconds < self._length and (seconds >= 0 or packet.stream is self.stream)
+
+    def _is_over(self, packet: AnyPacket) -> bool:
+        """Whether all pictures and sounds are past the end of the part, now that this packet is outside."""
+        time = packet.dts if packet.dts is not None else packet.pts
+        if time is None or self._length is None or time * Fraction(packet.time_base) < self._length:
+            return False
+        self._ended.add(packet.stream_index)
+        streams = (*self.container.streams.video, *self.container.streams.audio)
+        followed = {s.index for s in streams if s.discard != av.stream.Discard.all}
+        late = time * Fraction(packet.time_base) > self._length + LIMITS.interleaving_seconds
+        return followed <= self._ended or (late and packet.stream is self.stream)
 
     def _decode(self, packet: AnyPacket) -> Iterator[av.VideoFrame]:
         if packet.pts is not None and not packet.is_discard:
@@ -314,14 +361,24 @@ class VideoReader(Closing):
         for picture in pictures:
             if self._start is not None and (picture.pts or 0) < self._start:
                 continue  # it refers to pictures before the keyframe at which decoding started
+            pts = self._time_of(picture)
+            if not self.is_within(pts):
+                self._last = pts
+                continue
             if picture.is_corrupt:
                 self.damaged = True
                 self.problems.note_damage(
                     f"The picture at {self._clock(picture.pts)} is damaged in the input and was patched up."
                 )
-            yield self._prepare(picture)
+            yield self._prepare(picture, pts)
+
+    def is_within(self, pts: int) -> bool:
+        """Whether a picture with this time is in the part that is read."""
+        return self._length is None or 0 <= pts * self.time_base < self._length
 
     def _report_missing_end(self) -> None:
+        if self._length is not None:
+            return
         missing = sum(1 for pts in self._recent if self._last is not None and pts > self._last)
         if missing:
             self.problems.note_damage(
@@ -354,23 +411,26 @@ class VideoReader(Closing):
 
     # -- one picture --------------------------------------------------------------------------------------
 
-    def _prepare(self, picture: av.VideoFrame) -> av.VideoFrame:
-        """A picture in a native format and the size of the first, with an ascending time stamp."""
-        pts = self._time_of(picture)
+    def _prepare(self, picture: av.VideoFrame, pts: int) -> av.VideoFrame:
+        """A picture in a native format and the size of the first, with its time stamp."""
         converted = self._convert(picture)
         converted.pts, converted.time_base = pts, self.time_base
         self._last = pts
         return converted
 
     def _time_of(self, picture: av.VideoFrame) -> int:
+        """An ascending time stamp for the next picture."""
         pts = picture.pts if picture.pts is not None else picture.dts
         if self._times:
             stored = heapq.heappop(self._times)
-            self._delay = max(-stored, 0) if self._delay is None else self._delay
+            if self._delay is None:
+                self._delay = max(-stored - round(self.clock.moved_by / self.time_base), 0)
             pts = stored + self._delay
         if pts is None:
             self.problems.note("Pictures without a time stamp were placed by the frame rate.")
-            return 0 if self._last is None else self._last + max(self._usual_duration(picture), 1)
+            if self._last is None:
+                return round(self.clock.shift(self.stream.index) / self.time_base)
+            return self._last + max(self._usual_duration(picture), 1)
         if self._last is not None and pts <= self._last:
             self.problems.note(f"The time stamp at {self._clock(pts)} does not ascend and was moved on.")
             return self._last + 1

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from guise.app.media.frame import Frame
 from guise.app.media.input import MediaInput, VideoInput, file_version, open_input
 from guise.app.media.reader import ProblemLog, VideoReader
+from guise.app.media.time_range import TimeRange
 
 # Codecs in which every packet is one shown picture; others may have hidden or repeated ones.
 _ONE_PICTURE_PER_PACKET = frozenset(
@@ -85,13 +86,13 @@ class Scan:
         )  # fmt: skip
 
 
-def scan(path: Path | str, length: int = 240) -> Scan:
+def scan(path: Path | str, length: int = 240, part: TimeRange | None = None) -> Scan:
     """Find the frames of a file, and cut it at keyframes into segments of at least `length` frames.
 
     Only packets are read, unless they do not determine the frames with certainty; then, as for images, everything is
-    decoded and there is one segment.  Raises MediaError when there is nothing to read.
+    decoded and there is one segment.  Raises MediaError when there is nothing to read.   part : as for `open_input`.
     """
-    with open_input(path) as media:
+    with open_input(path, part=part) as media:
         if isinstance(media, VideoInput) and (found := _from_packets(media, length)):
             return found
         pts = np.array([frame.pts for frame in media], np.int64)
@@ -136,7 +137,7 @@ def _video_packets(
                 continue
             if packet.pts is None or not packet.size or packet.is_corrupt:
                 return None
-            if not packet.is_discard:
+            if not packet.is_discard and reader.is_within(packet.pts):
                 dts = packet.pts if packet.dts is None else packet.dts
                 rows.append((packet.pts, dts, packet.is_keyframe))
     table = np.array(rows, np.int64).reshape(-1, 3)
@@ -157,24 +158,24 @@ def _cut(keyframes: NDArray[np.int32], frames: int, length: int) -> tuple[Segmen
 
 def read_frames(
     path: Path | str, scan: Scan, first: int, last: int, *, problems: ProblemLog | None = None,
-    kept: KeptFrames | None = None,
+    kept: KeptFrames | None = None, part: TimeRange | None = None,
 ) -> Iterator[Frame]:  # fmt: skip
     """The frames [first, last) of a scanned file, as a pass from the start yields them; indices count from its start.
 
     A picture that cannot be decoded is left out, as in that pass, and noted in `problems`.  With `kept`, a file that
-    fits in there is decoded once.
+    fits in there is decoded once.   part : that of the scan.
     """
     noted = ProblemLog() if problems is None else problems
-    if kept is not None and (frames := kept.frames(path, noted)) is not None:
+    if kept is not None and (frames := kept.frames(path, noted, part)) is not None:
         yield from (frame.copy() for frame in frames if first <= frame.index < last)
         return
-    with open_input(path) as media:
+    with open_input(path, part=part) as media:
         try:
             window = _window(media, scan, first, last)
             if kept is None or (first, last) != (0, scan.frames):
                 yield from window
             else:
-                yield from kept.filled(path, window, scan.frames, media.problems)
+                yield from kept.filled(path, window, scan.frames, media.problems, part)
         finally:
             noted.add(media.problems)
 
@@ -184,18 +185,25 @@ class KeptFrames:
 
     def __init__(self, most: Callable[[], int]) -> None:
         self._most = most
-        self._held: tuple[tuple[str, int, int], list[Frame], ProblemLog] | None = None
+        self._held: tuple[object, list[Frame], ProblemLog] | None = None
 
-    def frames(self, path: Path | str, problems: ProblemLog) -> list[Frame] | None:
+    def frames(
+        self, path: Path | str, problems: ProblemLog, part: TimeRange | None = None
+    ) -> list[Frame] | None:
         """The frames of a file, to be copied, and what went wrong when it was read; None where they aren't kept."""
         held = self._held
-        if held is None or held[0] != file_version(Path(path)):
+        if held is None or held[0] != (file_version(Path(path)), part):
             return None
         problems.add(held[2])
         return held[1]
 
     def filled(
-        self, path: Path | str, frames: Iterator[Frame], count: int, problems: ProblemLog
+        self,
+        path: Path | str,
+        frames: Iterator[Frame],
+        count: int,
+        problems: ProblemLog,
+        part: TimeRange | None = None,
     ) -> Iterator[Frame]:
         """All `count` frames of a file; they are kept once the last one was read."""
         self.clear()
@@ -205,7 +213,7 @@ class KeptFrames:
                 copies.append(frame.copy())
             yield frame
         if copies and version is not None:
-            self._held = version, copies, problems
+            self._held = (version, part), copies, problems
 
     def clear(self) -> None:
         """Let go of them."""

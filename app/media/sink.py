@@ -26,7 +26,7 @@ from guise.app.media.errors import MediaError, reason
 from guise.app.media.file_kind import READ_ONLY_SUFFIXES, has_image_name
 from guise.app.media.frame import Frame
 from guise.app.media.images import PAGES, DeepImage, can_write, changed, encode_deep, encode_pages, lossy_form
-from guise.app.media.input import AnimationInput, ImageInput, MediaInput, VideoInput
+from guise.app.media.input import AnimationInput, ImageInput, MediaInput, VideoInput, VideoPart
 from guise.app.media.pictures import letterboxed
 from guise.app.media.reader import AnyPacket
 from guise.app.media.rendition import is_hdr
@@ -125,11 +125,11 @@ class VideoOutput(Sink):
             )  # fmt: skip
             self._output.metadata.update(metadata)
             self._stream = self._add_video(media)
-            code = "" if private else timecode_of(media, format_name)
+            code = "" if private or isinstance(media, VideoPart) else timecode_of(media, format_name)
             self._stream.metadata.update({"timecode": code} if code else {})
             if isinstance(media, VideoInput):
                 self._copies = StreamCopier(self._output, media, private=private, audio=audio, timecode=code)
-                if not private and (chapters := media.container.chapters()):
+                if not private and (chapters := media.chapters()):
                     self._output.set_chapters(chapters)
                     if not Trial(format_name).keeps_chapters():
                         media.problems.note(f"The chapters were left out: {format_name} has none.")

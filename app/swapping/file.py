@@ -47,7 +47,7 @@ def swap_file(
     one_heap()
     for sentence in identity.facts.get("weaknesses", ()):
         settings.say(f"{identity.name} was enrolled from a clip that can be better: {sentence}")
-    with open_input(video, settings.hwaccel) as media:
+    with open_input(video, settings.hwaccel, settings.read) as media:
         tags = synthetic_tags(identity.facts.get("made_from"))
         with open_sink(output, media, settings.encode, force=settings.force, tags=tags) as sink:
             person = source_person(media, source, identity, settings)
@@ -60,7 +60,7 @@ def swap_file(
                 one_thread(),
                 SwapSession(lambda _: Engine(person, Donor.of(identity), finder, look), style) as session,
             ):
-                stats = follow_alone(session, media, sink, tally.add, tally.progress)
+                stats = follow_alone(session, media, sink, tally.add, tally.progress, settings.drawn)
                 tally.require_some(person.name)
                 engine = session.engine(ALONE)
                 tally.faces, tally.renderer = engine.tracker.most_faces, session.renderer

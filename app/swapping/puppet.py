@@ -138,6 +138,10 @@ class Puppet(Closing):
         frame.show(picture)
         return SwapResult("swapped" if isinstance(fit, Fit) else "held", fit, mesh)
 
+    def rest(self, frame: Frame) -> None:
+        """Show the still as it is."""
+        frame.show(self._still.picture)
+
     def mesh(self, appearance: F32) -> F64:
         """The face (81, 2) in the still's pixels for an appearance."""
         moved = self._pose.without(self._shape(appearance) - self._rest)
@@ -326,7 +330,7 @@ def puppet_file(
     expression.
     """
     height, width = fitted(identity.rest_frame).picture.shape[:2]
-    with open_input(video, settings.hwaccel) as media:
+    with open_input(video, settings.hwaccel, settings.read) as media:
         tags = synthetic_tags(identity.facts.get("made_from"))
         with open_sink(
             output, media, settings.encode, force=settings.force, tags=tags, size=(width, height)
@@ -338,7 +342,10 @@ def puppet_file(
                 one_thread(),
                 SwapSession(lambda _: Puppet(person, identity, settings.face_finder(), look)) as session,
             ):
-                stats = follow_alone(session, media, sink, tally.add, tally.progress)
+                stats = follow_alone(
+                    session, media, sink, tally.add, tally.progress, settings.drawn,
+                    lambda frame: session.engine(ALONE).rest(frame),
+                )  # fmt: skip
                 tally.require_some(person.name)
                 tally.faces, tally.renderer = session.engine(ALONE).tracker.most_faces, session.renderer
         return tally.report(output, stats, sink.first_packet)

@@ -13,6 +13,7 @@ from guise.app.drawing.look import SWAP, Look
 from guise.app.drawing.passes.place import OUTLINE_WARP
 from guise.app.media import EncodeOptions, MediaInput, ProcessStats
 from guise.app.media.hardware import HardwareDecoder
+from guise.app.media.time_range import Outside, TimeRange
 from guise.app.swapping.policy import LIMITS, Unsure
 from guise.common.errors import GuiseError
 from guise.common.progress import Progress, Say, mute, silent
@@ -35,6 +36,7 @@ class SwapSettings:
     unsure : what is done to frames in which the person's face is lost but may be visible: "cover" it, "hold" the last
         face for a second, or "leave" the frame as it is.
     keep_people : use the model of the video's person that an earlier run has kept, and keep a new one.
+    part, outside : what of the video is swapped, None for all, and whether the rest is kept as it is or cut off.
     rest_seconds : after the first frame, at which the person in the video is at rest; None finds out.
     graded : say in the report how good the swap looks, which takes as long as some ten frames.
     force : replace an existing output.
@@ -48,11 +50,23 @@ class SwapSettings:
     detector: str = "builtin"
     unsure: Unsure = "cover"
     keep_people: bool = False
+    part: TimeRange | None = None
+    outside: Outside = "keep"
     rest_seconds: float | None = None
     graded: bool = True
     force: bool = False
     progress: Progress = silent
     say: Say = mute
+
+    @property
+    def read(self) -> TimeRange | None:
+        """The part of the video that is read, as the rest is cut off; None for all."""
+        return self.part if self.outside == "cut" else None
+
+    @property
+    def drawn(self) -> TimeRange | None:
+        """The part of what is read that is drawn on; None for all."""
+        return self.part if self.outside == "keep" else None
 
     def drawn_look(self) -> Look:
         """How faces are drawn, with the time for which a lost one is held."""
@@ -96,6 +110,7 @@ class SwapReport:
     output : the file that was written.
     swapped, held, covered, lost : frames that show the new face where the face is, or where it was last seen, in which
         a face that could not be swapped was covered, and in which no face was found.
+    untouched : frames outside the part that was asked for, which are as in the input.
     times : how long it took.
     renderer : what drew the face.
     faces : largest number of faces seen in one frame.
@@ -116,11 +131,12 @@ class SwapReport:
     problems: tuple[str, ...]
     grade: int | None = None
     advice: str = ""
+    untouched: int = 0
 
     @property
     def frames(self) -> int:
         """Number of frames written."""
-        return self.swapped + self.held + self.covered + self.lost
+        return self.swapped + self.held + self.covered + self.lost + self.untouched
 
     @property
     def seconds(self) -> float:
@@ -157,7 +173,7 @@ class Tally:
         self._total = media.frame_count or 0
         self._beyond = OUTLINE_WARP.outer_reach if settings.look.outline > 0 else 0.0
         self._start = time.perf_counter()
-        self.counts = {"swapped": 0, "held": 0, "covered": 0, "lost": 0}
+        self.counts = {"swapped": 0, "held": 0, "covered": 0, "lost": 0, "untouched": 0}
         self.faces = 0
         self.renderer = ""
         self.grade: Grade | None = None
@@ -173,7 +189,9 @@ class Tally:
     def require_some(self, person: str) -> None:
         """Raise SwapError when the person was seen in no frame."""
         if not self.counts["swapped"]:
-            seen = sum(self.counts.values())
+            seen, part = sum(self.counts.values()), self._settings.drawn
+            if part is not None and seen == self.counts["untouched"]:
+                raise SwapError(f"{self._media.name} shows no frame {part.told()}")
             raise SwapError(
                 f"no face of the source person ({person}) found in the {seen} frames of {self._media.name}: give the "
                 "model of the person in the video with --source, or enroll them from it"

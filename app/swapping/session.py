@@ -17,6 +17,7 @@ from guise.aam.landmarks.rolls import RolledBoxes, ScoredDetector, detect_on_sch
 from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
 from guise.app.media import Frame, MediaInput, ProcessStats, Sink, process
+from guise.app.media.time_range import TimeRange, within
 from guise.app.swapping.cover import CoverStyle, cover
 from guise.app.swapping.policy import COVERED, DONE, LIMITS, SWAPPED, FacePlace, FaceTreatment, FollowedFace
 from guise.common.arrays import F64
@@ -192,20 +193,28 @@ class SwapSession(Closing, Generic[D]):
 
 
 def follow_alone(
-    session: SwapSession[F], media: MediaInput, sink: Sink, told: Callable[[str], None], progress: Callable[[int], None]
+    session: SwapSession[F], media: MediaInput, sink: Sink, told: Callable[[str], None],
+    progress: Callable[[int], None], part: TimeRange | None = None, outside: Callable[[Frame], None] | None = None,
 ) -> ProcessStats:  # fmt: skip
     """Pass all frames of a video of one person through a session.
 
     told : called with the outcome of each frame.   progress : see `process`.
+    part : of the frames; the others are untouched, or what `outside` makes of them.
     """
-    engine = session.engine(ALONE)
+    engine, is_within = session.engine(ALONE), within(part)
     fits: dict[int, Fit | Failed] = {}
 
     def track(frame: Frame) -> None:
-        fits[frame.index] = engine.track(frame)
+        if is_within(frame):
+            fits[frame.index] = engine.track(frame)
 
     def swap(frame: Frame) -> None:
-        told(session.follow(frame, ALONE, fits.pop(frame.index)).outcome)
+        if frame.index in fits:
+            told(session.follow(frame, ALONE, fits.pop(frame.index)).outcome)
+            return
+        if outside is not None:
+            outside(frame)
+        told("untouched")
 
     return process(media, sink, swap, ahead=track, progress=progress)
 

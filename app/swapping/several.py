@@ -9,10 +9,11 @@ Pixels as shown, x right, y down; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; f
 
 from __future__ import annotations
 
+import contextlib
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,6 +28,7 @@ from guise.app.drawing.engine import Engine
 from guise.app.enrolment.source_person import keep_person
 from guise.app.media import Frame, MediaInput, open_input, open_sink, process
 from guise.app.media.synthetic import synthetic_tags
+from guise.app.media.time_range import TimeRange, within
 from guise.app.people import kept
 from guise.app.people.finding import MIN_ALIKE, VideoPeople, VideoPerson, find_people
 from guise.app.swapping.cover import CoverStyle
@@ -154,24 +156,32 @@ def swap_people(
         For a user's mistake.
     """
     faces = {who: open_face(spec) for who, spec in casting.faces.items()}
-    with open_input(video) as media:
+    with contextlib.ExitStack() as stack:
+        media = stack.enter_context(open_input(video))
         if media.kind == "image":
             raise SwapError(
                 f"{media.name} is a single image: --map needs a video, for one image give --identity"
             )
         made_from = {str(face.facts["made_from"]) for face in faces.values() if "made_from" in face.facts}
         tags = synthetic_tags(" and ".join(sorted(made_from)))
-        with open_sink(output, media, settings.encode, force=settings.force, tags=tags) as sink:
+        shown, before = media, 0
+        if settings.read is not None:
+            shown = stack.enter_context(open_input(video, part=settings.read))
+            before = _frames_before(media, settings.read)
+        with open_sink(output, shown, settings.encode, force=settings.force, tags=tags) as sink:
             if known is None:
                 known = KnownVideo(find_people(media, lambda share: settings.progress("faces", share)), {})
             found = known.found
             roles = _roles(media.name, known, casting, faces, _learner(media, known, settings), settings)
             plan = _plan(found, roles, casting, settings, float(media.frame_rate))
-            tally = Tally(settings, media, "swapping")
+            tally, is_within = Tally(settings, shown, "swapping"), within(settings.drawn)
             with one_thread(), _Drawing(roles, plan, casting.cover, settings) as drawing:
-                stats = process(
-                    media, sink, lambda frame: tally.add(drawing.draw(frame)), progress=tally.progress
-                )
+
+                def draw(frame: Frame) -> None:
+                    frame.index += before
+                    tally.add(drawing.draw(frame) if is_within(frame) else "untouched")
+
+                stats = process(shown, sink, draw, progress=tally.progress)
                 outcomes = drawing.outcomes()
             if not any(one.swapped for one in outcomes):
                 raise SwapError(
@@ -181,6 +191,12 @@ def swap_people(
         report = tally.report(output, stats, sink.first_packet)
     most = max(Counter(int(f) for person in found.people for f in person.frames).values(), default=0)
     return SeveralReport(**vars(replace(report, faces=most)), people=outcomes)
+
+
+def _frames_before(media: MediaInput, part: TimeRange) -> int:
+    """The number of frames before a part of a video."""
+    is_within = within(part)
+    return sum(1 for _ in takewhile(lambda frame: not is_within(frame), media))
 
 
 def choose(found: VideoPeople, who: str, video: str) -> tuple[VideoPerson, Identity | None]:

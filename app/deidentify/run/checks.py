@@ -34,6 +34,7 @@ def checked(options: DeidentifyOptions, outputs: Iterable[Path]) -> DeidentifyOp
     MediaError, ModelError, RendererError, LandmarkError, DeidentifyError
         When something in them does not exist or can't be used; one sentence.
     """
+    assert options.read is None or options.drawn is None  # both times can be read
     check_options(options.encode)
     if options.renderer == "gl" and isinstance(found := probe_gl(), GLMissing):
         raise RendererError(found.reason)

@@ -156,7 +156,7 @@ def _require_same(work: WorkFolder, manifest: dict[str, Any]) -> None:
 
 def _require_possible(input: Path, output: Path, options: DeidentifyOptions, force: bool) -> None:
     """Raise what reading the input or writing the output would raise, before any work is done."""
-    with open_input(input) as media:
+    with open_input(input, part=options.read) as media:
         check_free(output, media, force)
         probe = output.with_name(
             f"probe-{hashlib.sha256(os.fsencode(output.name)).hexdigest()[:8]}{output.suffix}"
@@ -195,7 +195,7 @@ class _Stages:
     def analyse(self) -> None:
         """Up to the proposed actions."""
         case = self.case
-        self._once("scan.json", lambda: scan(case.input).as_json())
+        self._once("scan.json", lambda: scan(case.input, part=case.options.read).as_json())
         self._map("detect", len(case.scan.segments))
         self._once("link.json", lambda: link_tracks(case))
         self._map("person", len(case.linked))

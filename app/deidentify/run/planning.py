@@ -20,6 +20,7 @@ from guise.app.people.link import Tracklet, link
 from guise.app.swapping.donors import KeyFile, assign
 from guise.app.swapping.policy import (
     COVERED,
+    LEFT,
     LIMITS,
     SWAPPED,
     Action,
@@ -177,6 +178,7 @@ def plan_faces(case: Case) -> dict[str, NDArray[Any]]:
         (np.full(len(ones), BYSTANDERS), b.frames, ones * COVERED, b.boxes, b.turns, ones, b.scores)
     )
     joined = [np.concatenate(parts) for parts in zip(*columns, strict=True)]
+    joined[2] = np.where(case.worked_on[joined[1].astype(np.intp)], joined[2], LEFT)
     order = np.argsort(joined[1], kind="stable")
     names = ("track", "frame", "done", "box", "turn", "growth", "confidence")
     types = (np.int32, np.int32, np.uint8, *[np.float32] * 4)

@@ -17,7 +17,6 @@ from guise.app.deidentify.report.review import write_tracks
 from guise.app.deidentify.report.sheet import contact_sheet
 from guise.app.deidentify.stages.case import Case, track_from
 from guise.app.deidentify.tracks import BYSTANDERS, AuditFinding, FileReport, TrackOutcome
-from guise.app.media import open_input
 from guise.app.media.pictures import save_picture
 from guise.app.swapping.donors import bare
 from guise.app.swapping.policy import (
@@ -48,7 +47,7 @@ def report_of(case: Case, names: tuple[str, str], output: Path, seconds: float) 
         for a in r["audit"]
     ]
     plan, covered = case.plan, [frame for r in renders for frame in r["covered"]]
-    with open_input(case.input) as media:
+    with case.open_input() as media:
         width, height = media.width, media.height
     return FileReport(
         *names, case.scan.frames, case.times, width, height, case.tracks,

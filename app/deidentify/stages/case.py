@@ -23,9 +23,10 @@ from guise.app.deidentify.stages.fit import Fits
 from guise.app.deidentify.stages.gaps import Gaps, unpacked
 from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
 from guise.app.deidentify.tracks import Track
-from guise.app.media import Frame
+from guise.app.media import Frame, MediaInput, open_input
 from guise.app.media.reader import ProblemLog
 from guise.app.media.segments import KeptFrames, Scan, read_frames
+from guise.app.media.time_range import TimeRange
 from guise.app.people.faces import SegmentFaces
 from guise.app.swapping.donors import heads_for
 from guise.common.memory import free_bytes
@@ -78,7 +79,19 @@ class Case:
 
     def frames(self, first: int, last: int, problems: ProblemLog | None = None) -> Iterator[Frame]:
         """The frames [first, last), see `read_frames`; a short file is decoded once for all stages of a process."""
-        return read_frames(self.input, self.scan, first, last, problems=problems, kept=KEPT)
+        return read_frames(
+            self.input, self.scan, first, last, problems=problems, kept=KEPT, part=self.options.read
+        )
+
+    def open_input(self) -> MediaInput:
+        """The input, or the part of it that is kept."""
+        return open_input(self.input, part=self.options.read)
+
+    @cached_property
+    def worked_on(self) -> NDArray[np.bool_]:
+        """(frames,) whether faces are hidden in a frame; in the others they stay, as the user said."""
+        part, pts = self.options.drawn or TimeRange(), self.scan.pts.tolist()
+        return np.array([part.holds((one - pts[0]) * self.scan.time_base) for one in pts], bool)
 
     @cached_property
     def rate(self) -> float:

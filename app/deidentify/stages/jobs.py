@@ -5,7 +5,7 @@ Any process may do a job, at any time after the stage before; a job whose result
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +28,7 @@ from guise.app.deidentify.stages.people import enrol
 from guise.app.deidentify.stages.pieces import open_piece, read_piece
 from guise.app.deidentify.stages.render import LIMITS, SegmentRenderer, entries_of, with_detections
 from guise.app.deidentify.stages.work import WorkFolder
-from guise.app.media import Frame, MediaInput, Sink, open_input, process
+from guise.app.media import Frame, MediaInput, Sink, process
 from guise.app.media.input import VideoInput
 from guise.app.media.reader import ProblemLog
 from guise.app.people.faces import detect_faces
@@ -144,10 +144,11 @@ def render(case: Case, segment: int) -> None:
     covered: list[AuditDetection] = []
 
     def entries() -> dict[int, list[FaceTreatment]]:
-        return with_detections(planned, covered, first, last, case.rate)
+        found = with_detections(planned, covered, first, last, case.rate)
+        return {f: these if case.worked_on[f] else planned.get(f, []) for f, these in found.items()}
 
     with ExitStack() as stack:
-        media = stack.enter_context(open_input(case.input))
+        media = stack.enter_context(case.open_input())
         every_frame = case.options.audit == "full" or not isinstance(media, VideoInput)
         audit = stack.enter_context(
             Audit(
@@ -163,7 +164,7 @@ def render(case: Case, segment: int) -> None:
             segment_renderer.entries = entries()
             _encode(case, media, segment, segment_renderer)
             result, drawn = read_piece(case, segment), segment_renderer.drawn
-            detections = list(audit.after(result, segment_renderer.entries, drawn))
+            detections = _worked_on(case, audit.after(result, segment_renderer.entries, drawn))
             if not detections or attempt == LIMITS.max_repeats:
                 break
             audit.look_closer(detections)
@@ -191,9 +192,14 @@ def _look(
     missed: list[AuditDetection],
 ) -> None:  # fmt: skip
     """Show the audit the original between some frames; what was missed there is added, and looked at closer."""
-    found = audit.before(case.frames(frames[0], frames[-1] + 1), entries)
+    found = _worked_on(case, audit.before(case.frames(frames[0], frames[-1] + 1), entries))
     audit.look_closer(found)
     missed += found
+
+
+def _worked_on(case: Case, detections: Iterable[AuditDetection]) -> list[AuditDetection]:
+    """Those in frames in which faces are hidden."""
+    return [one for one in detections if case.worked_on[one.frame]]
 
 
 @given_back()

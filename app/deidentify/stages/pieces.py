@@ -43,7 +43,7 @@ def publish(case: Case, output: Path, *, force: bool) -> None:
     options = case.options
     if case.work.has("published.json") and not _made(case).exists():
         return
-    with open_input(case.input) as media:
+    with case.open_input() as media:
         check_free(output, media, force)
         parts = [_piece(case, k) for k in range(len(case.scan.segments))]
         if isinstance(media, VideoInput) and is_animation(_made(case), media):
