@@ -17,6 +17,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -39,7 +40,8 @@ from guise.app.deidentify.report.review import read_tracks, write_tracks
 from guise.app.deidentify.tracks import FileReport, Track, TrackOutcome
 from guise.app.measure.reported import read_report
 from guise.app.media import open_input
-from guise.app.media.images import read_deep
+from guise.app.media.animation_writer import FORMS, open_writer
+from guise.app.media.images import DeepImage, encode_deep, read_deep
 from guise.app.media.segments import scan
 from guise.app.people.recogniser import read_recogniser_card
 from guise.app.swapping.donors import KEY_FILE_FORMAT, KEY_FILE_VERSION, KeyFile, open_donor
@@ -92,6 +94,17 @@ def _picture(channels: int = 3, kind: type = np.uint8) -> np.ndarray[tuple[int, 
 
 def _image(channels: int = 3, kind: type = np.uint8) -> Callable[[Path], object]:
     return lambda path: cv2.imwrite(str(path), _picture(channels, kind))
+
+
+def _still(path: Path) -> None:
+    path.write_bytes(encode_deep(DeepImage(_picture()), path.suffix, {}))
+
+
+def _animation(path: Path) -> None:
+    writer = open_writer(path, FORMS[path.suffix], SIZE_PIXELS[::-1], 0, alpha=False, lossless=False)
+    for k in range(3):
+        writer.add(np.roll(_picture(), k, axis=1), Fraction(k, 10), Fraction(k + 1, 10))
+    writer.close()
 
 
 def _video(codec: str, **options: str) -> Callable[[Path], object]:
@@ -207,6 +220,13 @@ READERS = {
     "JPEG": Reader(".jpg", _image(), read_deep),
     "TIFF": Reader(".tif", _image(3, np.uint16), read_deep),
     "WebP": Reader(".webp", _image(), read_deep),
+    "HEIC": Reader(".heic", _still, read_deep),
+    "AVIF": Reader(".avif", _still, read_deep),
+    "JPEG 2000": Reader(".jp2", _still, read_deep),
+    "animated GIF": Reader(".gif", _animation, _decoded),
+    "animated WebP": Reader(".webp", _animation, _decoded),
+    "animated PNG": Reader(".png", _animation, _decoded),
+    "pages": Reader(".tif", lambda path: cv2.imwritemulti(str(path), [_picture()] * 2), _decoded),
     "MP4": Reader(".mp4", _video("libx264"), _decoded),
     "Matroska": Reader(".mkv", _video("mpeg4"), _decoded),
     "AVI": Reader(".avi", _video("mpeg2video"), _decoded),

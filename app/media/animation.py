@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import struct
 from collections.abc import Iterator
 from contextlib import suppress
 from fractions import Fraction
@@ -16,14 +15,13 @@ import numpy as np
 
 from guise.app.media import ifd
 from guise.app.media.file_kind import FileKind, format_of, views
-from guise.app.media.images import DeepImage, shown
+from guise.app.media.images import DeepImage, reading_errors, shown
 from guise.app.media.reader import ProblemLog
 
 TIME_BASE = Fraction(
     1, 90_000
 )  # of animations: whole for hundredths and thousandths of a second, and most rates
 _NO_DELAY = Fraction(1, 10)  # seconds that players show a picture whose delay is 0
-_UNREADABLE = (OSError, ValueError, SyntaxError, EOFError, RuntimeError, IndexError, struct.error, cv2.error)
 
 
 class Pictures:
@@ -47,7 +45,7 @@ class Pictures:
             for picture in self._animated() if self._moves else self._pages():
                 yield picture
                 read += 1
-        except _UNREADABLE:
+        except reading_errors():
             self.problems.note_damage(
                 f"{self.path.name} is damaged after {read} of its pictures; the rest is missing."
             )
@@ -109,8 +107,8 @@ def _count(picture: Any) -> int:
     number = 0
     try:
         return int(picture.n_frames)
-    except _UNREADABLE:
-        with suppress(*_UNREADABLE):
+    except reading_errors():
+        with suppress(*reading_errors()):
             for number in count():
                 picture.seek(number)
         picture.seek(0)

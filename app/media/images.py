@@ -222,28 +222,35 @@ def _by_opencv(path: Path, data: bytes) -> DeepImage | None:
 def _has_plain_alpha(data: bytes) -> bool:
     """Whether a TIFF file has 8 bits and alpha by which colours are not multiplied yet; OpenCV would do so."""
     found = ifd.read_values(data)
-    return max(found.get(ifd.BITS, b"\0")) == 8 and 2 in found.get(ifd.EXTRA_SAMPLES, b"")
+    return max(found.get(ifd.BITS) or b"\0") == 8 and 2 in found.get(ifd.EXTRA_SAMPLES, b"")
 
 
 def _by_pillow(path: Path, data: bytes, note: Note) -> DeepImage:
     """The picture as Pillow reads it: formats that OpenCV does not know, and as much as there is of damaged files."""
-    from PIL import Image, ImageFile
+    from PIL import ImageFile
 
-    unreadable = (OSError, ValueError, SyntaxError, Image.DecompressionBombError, struct.error)
     try:
-        with contextlib.suppress(*unreadable):
+        with contextlib.suppress(*reading_errors()):
             return _opened(data)
         strict, ImageFile.LOAD_TRUNCATED_IMAGES = ImageFile.LOAD_TRUNCATED_IMAGES, True
         try:
             image = _opened(data)
         finally:
             ImageFile.LOAD_TRUNCATED_IMAGES = strict
-    except unreadable as error:
+    except reading_errors() as error:
         raise MediaError(
             f"{path} is not an image that can be read: give a PNG, JPEG, HEIC, AVIF, TIFF or WebP file."
         ) from error
     note(f"{path.name} is damaged: what cannot be read of it is grey.")
     return image
+
+
+def reading_errors() -> tuple[type[Exception], ...]:
+    """What Pillow and OpenCV raise for files that they cannot read."""
+    from PIL import Image
+
+    kinds = (OSError, ValueError, SyntaxError, EOFError, RuntimeError, IndexError, struct.error)
+    return (*kinds, cv2.error, Image.DecompressionBombError)
 
 
 def _opened(data: bytes) -> DeepImage:
