@@ -374,6 +374,19 @@ def test_pieces_keep_ten_bits(tmp_path: Path) -> None:
         assert media.light_levels.content == (1000, 400)
 
 
+@pytest.mark.parametrize("encoder", ["libvpx-vp9", "ffv1"])
+def test_pieces_keep_alpha(tmp_path: Path, encoder: str) -> None:
+    clip, output = make(tmp_path / "in.mkv", "ffv1", "yuva420p"), tmp_path / "out.mkv"
+    options, part = EncodeOptions(encoder, lossless=True), tmp_path / "0"
+    with open_input(clip) as media:
+        with PacketSink(part, media, options, output) as sink:
+            for frame in media:
+                sink.write(painted(frame))
+        assemble(output, media, [part], options, tags={}, private=True)
+    same_beside_the_square(clip, list(read_packets(part)))
+    same_beside_the_square(clip, read(output))
+
+
 @pytest.mark.parametrize(
     ("made_by", "fmt", "suffix", "codec"),
     [

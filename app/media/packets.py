@@ -19,7 +19,7 @@ from typing import Any, BinaryIO, TypeAlias
 import av
 import numpy as np
 from av.codec.context import Flags
-from av.packet import Packet
+from av.packet import Packet, PacketSideData, PktSideDataT, packet_sidedata_type_from_literal
 from av.video.codeccontext import VideoCodecContext
 from numpy.typing import NDArray
 
@@ -30,25 +30,30 @@ from guise.app.media.errors import MediaError
 from guise.app.media.frame import Frame
 from guise.app.media.input import MediaInput, VideoInput
 from guise.app.media.orientation import Orientation
-from guise.app.media.pixel_formats import NATIVE_FORMATS, nearest_format
-from guise.app.media.reader import AnyPacket, reformat
+from guise.app.media.pixel_formats import NATIVE_FORMATS, has_alpha, nearest_format
+from guise.app.media.reader import ALPHA_DECODERS, AnyPacket, reformat
 from guise.app.media.sink import Sink, VideoOutput, as_media_error, check_free, later_time
 from guise.app.media.stream_copies import Audio
 
 ENCODER_THREADS = 4  # a fixed number, as the output of some encoders depends on it
 _MAGIC = b"GUISEPK1"
 _DECODERS = {"av1": "libdav1d"}  # where FFmpeg's own needs special hardware
+_ALPHA: PktSideDataT = "matroska_block_additional"
 
 
 @dataclass(frozen=True)
 class _Entry:
-    """One packet: its bytes in the file, its time and duration in units of time_base, and its frame's index."""
+    """One packet: its bytes in the file, its time and duration in units of time_base, and its frame's index.
+
+    beside : bytes of the packet's side data, VP9's alpha, that follow its own.
+    """
 
     size: int
     pts: int
     duration: int
     key: bool
     index: int
+    beside: int = 0
 
 
 class PacketSink(Sink):
@@ -80,9 +85,10 @@ class PacketSink(Sink):
     def _store(self, packets: Sequence[AnyPacket]) -> None:
         for packet in packets:
             assert packet.pts is not None
-            self._file.write(bytes(packet))
-            index = self._indices.pop(packet.pts)
-            entry = _Entry(packet.size, packet.pts, packet.duration or 0, packet.is_keyframe, index)
+            beside = bytes(packet.get_sidedata(_ALPHA)) if packet.has_sidedata(_ALPHA) else b""
+            self._file.write(bytes(packet) + beside)
+            index, key = self._indices.pop(packet.pts), packet.is_keyframe
+            entry = _Entry(packet.size, packet.pts, packet.duration or 0, key, index, len(beside))
             self._entries.append(entry)
 
     def _finish(self) -> None:
@@ -146,9 +152,19 @@ class _Piece:
                 # decoder before its end holds it.
                 packet: AnyPacket = Packet(entry.size)
                 packet.update(file.read(entry.size))
+                if entry.beside:
+                    _put_beside(packet, file.read(entry.beside))
                 packet.pts, packet.duration, packet.time_base = entry.pts, entry.duration, self.time_base
                 packet.is_keyframe = bool(entry.key)
                 yield packet
+
+
+def _put_beside(packet: AnyPacket, data: bytes) -> None:
+    """Add the side data that holds VP9's alpha."""
+    make: Any = PacketSideData  # its constructor isn't in PyAV's types
+    side = make(packet_sidedata_type_from_literal(_ALPHA), len(data))
+    side.update(data)
+    side.to_packet(packet, move=True)
 
 
 def _read_header(file: BinaryIO, path: Path) -> dict[str, Any]:
@@ -183,7 +199,8 @@ def read_packets(path: Path) -> Iterator[Frame]:
 def _decoder(piece: _Piece) -> VideoCodecContext:
     """A decoder configured with what is stored outside the packets."""
     codec = piece.header["codec"]
-    context = av.CodecContext.create(_DECODERS.get(codec, codec), "r")
+    special = ALPHA_DECODERS if has_alpha(piece.header["format"]) else _DECODERS
+    context = av.CodecContext.create(special.get(codec, codec), "r")
     assert isinstance(context, VideoCodecContext)
     context.extradata = piece.extradata or None
     context.width, context.height = piece.header["size"]

@@ -40,7 +40,7 @@ _TEXT_AS_VIDEO = frozenset(
 _DECODING_TIMES = frozenset({"avi", "asf", "mxf"})
 _REORDERING = frozenset({"h264", "hevc", "mpeg1video", "mpeg2video", "vc1", "wmv3"})
 _NO_TIMESTAMPS = 0x80  # FFmpeg's AVFMT_NOTIMESTAMPS: a format's packets have no times
-_ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}
+ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  # FFmpeg's own leave it out
 _STATES_DURATION = frozenset({"mp4", "matroska", "avi", "flv"})  # containers whose header has it
 
 
@@ -132,7 +132,7 @@ def main_video(container: InputContainer, path: Path) -> VideoStream:
 
 def _alpha_decoder(stream: VideoStream) -> VideoCodecContext | None:
     """A decoder for VP8 or VP9 with alpha, which FFmpeg's own leave out; None for other streams."""
-    name = _ALPHA_DECODERS.get(stream.codec_context.name)
+    name = ALPHA_DECODERS.get(stream.codec_context.name)
     if stream.metadata.get("alpha_mode") != "1" or name is None or find_codec(name, "r") is None:
         return None
     known, context = stream.codec_context, av.CodecContext.create(name, "r")
