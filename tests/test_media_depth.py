@@ -19,6 +19,7 @@ from guise.app.drawing.look import SWAP
 from guise.app.media import EncodeOptions, Frame, open_input, open_sink
 from guise.app.media.colour import BT709, LIMITED, yuv_matrix
 from guise.app.media.deep_frame import DeepFrame, frame_of
+from guise.app.media.encoding import encoding_for
 from guise.app.media.frame import plane_arrays
 from guise.app.media.hdr import light_levels
 from guise.app.media.orientation import Orientation
@@ -385,6 +386,20 @@ def test_pieces_keep_alpha(tmp_path: Path, encoder: str) -> None:
         assemble(output, media, [part], options, tags={}, private=True)
     same_beside_the_square(clip, list(read_packets(part)))
     same_beside_the_square(clip, read(output))
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3])
+def test_the_shortest_videos_have_decoding_times(tmp_path: Path, frames: int) -> None:
+    clip = make(tmp_path / "in.mkv", "ffv1", "yuv420p10le", frames)
+    with open_input(clip) as media:
+        media.frame_count = frames
+        settings = encoding_for(media, EncodeOptions(), tmp_path / "out.mp4").settings
+    assert ("bframes=0" in settings["x265-params"]) == (frames < 3)
+    drawn(clip, tmp_path / "out.mp4", EncodeOptions())
+    with av.open(str(tmp_path / "out.mp4")) as written:
+        times = [packet.dts for packet in written.demux(video=0) if packet.size]
+    assert len(times) == frames
+    assert times == sorted(set(times))
 
 
 @pytest.mark.parametrize(

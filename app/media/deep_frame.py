@@ -68,13 +68,14 @@ class DeepFrame(Frame):
 
     def _read_stored(self, x0: int, y0: int, w: int, h: int) -> F32:
         """A rectangle of stored components (h, w, 3) in units of 8 bits, chroma replicated."""
-        parts = np.full((h, w, 3), 128, np.float32)
-        for number, plane in enumerate(self._shown_planes()):
-            parts[..., number] = (
-                self._read_chroma(plane, x0, y0, w, h) if number else plane[y0 : y0 + h, x0 : x0 + w]
-            )
-            parts[..., number] /= self._unit
-        return parts
+        luma, *chroma = self._shown_planes()
+        parts = [
+            luma[y0 : y0 + h, x0 : x0 + w],
+            *(self._read_chroma(plane, x0, y0, w, h) for plane in chroma),
+        ]
+        scaled = [np.multiply(part, 1 / self._unit, dtype=np.float32) for part in parts]
+        scaled += [np.full((h, w), 128, np.float32)] * (3 - len(parts))
+        return np.asarray(cv2.merge(scaled), np.float32)
 
     def _read_chroma(self, plane: Any, x0: int, y0: int, w: int, h: int) -> Any:
         (cx0, cx1, left), (cy0, cy1, top) = self._cells(x0, w, 0), self._cells(y0, h, 1)
@@ -100,7 +101,8 @@ class DeepFrame(Frame):
         if not drawn.any():
             return
         self._luma = None
-        stored[drawn] = self._look.stored(yuv[drawn[inside]][:, None].astype(np.float32))[:, 0]
+        made = self._look.stored(yuv.astype(np.float32))
+        np.copyto(stored[inside], made, where=drawn[inside][..., None])
         for number, plane in enumerate(self._shown_planes()):
             self._put(plane, stored[..., number], drawn, left, top, is_chroma=number > 0)
 

@@ -35,6 +35,7 @@ from guise.app.media.reader import is_full_range, reformat
 from guise.app.media.rendition import is_hdr
 
 _WITH_ALPHA = "without --encoder, .webm, .mkv and .mov keep it."
+_X265_FRAMES = 3  # fewer than which get decoding times from uninitialised memory where x265 reorders them
 _CAPTIONING = frozenset({"libx264", "libx264rgb", "mpeg2video"})  # encoders that write captions by default
 
 
@@ -181,6 +182,8 @@ def encoding_for(
     if not captions and codec.name in _CAPTIONING:
         settings = settings | {"a53cc": "0"}
     settings = merged(settings, _light_settings(media, codec.name, size))
+    if codec.name == "libx265" and (media.frame_count or _X265_FRAMES) < _X265_FRAMES:
+        settings = merged(settings, {"x265-params": "bframes=0"})
     interlaced = isinstance(media, VideoInput) and media.interlaced
     if interlaced and "x26" in codec.name:
         settings = {"flags": "+ildct+ilme", **settings}
