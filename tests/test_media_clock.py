@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 
 import av
 import pytest
@@ -11,6 +12,7 @@ from recordings import RATE, STEP, join, record, steps, times
 
 from guise.app.media import EncodeOptions, open_input, open_sink, process
 from guise.app.media.audio_reader import AudioReader
+from guise.app.media.clock import FileClock, Retimer, _Joined, _Trace
 from guise.app.media.input import VideoInput
 from guise.app.media.segments import read_frames, scan
 
@@ -24,6 +26,14 @@ def copied(source: Path, suffix: str = ".mp4") -> tuple[Path, list[str]]:
     with open_input(source) as media, open_sink(target, media, FAST) as sink:
         process(media, sink, lambda frame: None)
         return target, list(media.problems)
+
+
+def clock_by(packets: list[SimpleNamespace], unit: Fraction) -> FileClock:
+    """The clock by packets of pictures (stream 0) and sound (1)."""
+    traces = {index: _Trace(SimpleNamespace(time_base=unit)) for index in (0, 1)}
+    for packet in packets:
+        traces[packet.stream_index].feed(packet, traces)
+    return _Joined(traces, 0, {1: traces[1]}, Fraction(0), closes_gaps=True).clock()
 
 
 def is_steady(found: list[Fraction]) -> bool:
@@ -138,6 +148,26 @@ def test_pictures_whose_times_of_decoding_alone_are_stored_come_evenly(
     assert is_steady(found)
     assert found[0] >= 0
     assert [f.pts * f.time_base for f in read_frames(source, scan(source, 10), 5, 9)] == found[5:9]
+
+
+@pytest.mark.parametrize("off", [Fraction(3600), Fraction(12), Fraction(-1), Fraction(-9)])
+@pytest.mark.parametrize("wrong", [1, 5])
+def test_a_few_wrong_times_move_nothing_else(off: Fraction, wrong: int) -> None:
+    unit = Fraction(1, 90000)
+    rows = [(index, number * 3750) for number in range(72) for index in (0, 1)]
+    rows = [
+        (index, time + round(off / unit) * (index == 0 and 30 <= n // 2 < 30 + wrong))
+        for n, (index, time) in enumerate(rows)
+    ]
+    packets = [
+        SimpleNamespace(stream_index=index, pts=time, dts=time, time_base=unit) for index, time in rows
+    ]
+    clock = clock_by(packets, unit)
+    retime = Retimer(clock)
+    for packet in packets:
+        retime(packet)
+    for index in (0, 1):
+        assert [p.pts for p in packets if p.stream_index == index] == [n * 3750 for n in range(72)]
 
 
 def test_a_joined_file_is_read_from_its_start_by_all_who_seek(tmp_path: Path) -> None:

@@ -33,12 +33,13 @@ _MAX_FAILED_READS = 64  # in a row
 
 @dataclass(frozen=True)
 class ClockLimits:
-    """What counts as a jump of the clock, seconds."""
+    """What counts as a jump of the clock; seconds, unless said."""
 
     max_step_back: Fraction = Fraction(1, 4)
     max_step_ahead: Fraction = Fraction(10)  # as FFmpeg's `dts_delta_threshold`
     max_difference: Fraction = Fraction(1)  # between the streams' jumps at one place
     max_overlap: Fraction = Fraction(1, 4)  # of the sound before and after
+    most_strays: int = 16  # packets in a row whose times are wrong
 
 
 LIMITS = ClockLimits()
@@ -94,7 +95,7 @@ class FileClock:
             return None
         more = f" and {len(self.jumps) - 1} more" if len(self.jumps) > 1 else ""
         at = f"{float(self.jumps[0]):.2f} s{more}"
-        return f"The input's clock jumps at {at}: what follows was joined, all streams alike."
+        return f"The input's clock jumps at {at}: later times were moved, so that all streams go on."
 
 
 STEADY = FileClock()
@@ -228,11 +229,17 @@ class _Trace:
         run = self.runs[-1] if self.runs else None
         if run is None or back is not None:
             self._begin(time, back or Fraction(0), None, traces)
-        elif time > run.last + LIMITS.max_step_ahead:
+        elif time > run.last + self._step_ahead(run):
             self._begin(time, time - run.last, (time + run.last) / 2, traces)
         else:
             earlier = run.since is not None and time < run.since
             self.runs[-2 if earlier else -1].take(time)
+
+    def _step_ahead(self, run: _Run) -> Fraction:
+        """What counts as a jump ahead; soon after one back, also what undoes it."""
+        if run.jump >= 0 or self.packets - run.start > LIMITS.most_strays:
+            return LIMITS.max_step_ahead
+        return min(LIMITS.max_step_ahead, max(-run.jump * Fraction(3, 4), LIMITS.max_step_back))
 
     def _begin(
         self, time: Fraction, jump: Fraction, since: Fraction | None, traces: Mapping[int, _Trace]
