@@ -102,6 +102,20 @@ def test_a_small_change_of_one_pixel_leaves_its_neighbours_alone(transfer: int) 
     assert all(where in ([], [[5, 5]]) for where in changed[1:])
 
 
+@pytest.mark.parametrize("transfer", [PQ, HLG])
+@pytest.mark.parametrize("fmt", ["yuv420p", "nv12", "yuva444p"])
+def test_hdr_of_8_bits_is_drawn_on_as_hdr(fmt: str, transfer: int) -> None:
+    frame = framed(filled(fmt, transfer=transfer))
+    before, roi = stored(frame), frame.read_roi(4, 4, 16, 16)
+    deep = framed(filled("yuv444p16le", transfer=transfer)).read_roi(4, 4, 16, 16)
+    assert np.abs(roi[..., 0].astype(int) - deep[..., 0]).mean() < 4
+    frame.write_roi(4, 4, roi)
+    for old, new in zip(before, stored(frame), strict=True):
+        np.testing.assert_array_equal(old, new)
+    frame.write_roi(4, 4, np.full((16, 16, 3), (120, 120, 135), np.uint8))
+    assert np.abs(frame.read_roi(4, 4, 16, 16) - np.array([120.0, 120, 135])).max() < 5
+
+
 @pytest.mark.parametrize("transfer", [BT709, PQ, HLG])
 def test_nothing_of_a_covered_face_remains_in_the_last_bits(transfer: int) -> None:
     planes = []

@@ -20,9 +20,9 @@ from guise.app.live.output import Output, OutputFrame
 from guise.app.live.overlay import Overlay, mirrored
 from guise.app.media import ColourMatrix, Frame
 from guise.app.media.colour import gbr_matrix
+from guise.app.media.deep_frame import DeepFrame
 from guise.app.media.frame import plane_arrays
 from guise.app.media.orientation import AS_STORED, Orientation
-from guise.app.media.pixel_formats import SHALLOW_FORMATS
 from guise.common.arrays import U8
 from guise.common.errors import OutputError
 from guise.render import RendererError
@@ -227,7 +227,7 @@ def fitted(size: tuple[int, int], room: tuple[int, int, int, int]) -> tuple[int,
 
 def _planes(frame: Frame) -> tuple[list[U8], ColourMatrix, Orientation]:
     """Three planes of components as stored, what takes them to RGB, and the orientation for display."""
-    if frame.video_frame is None or frame.video_frame.format.name not in SHALLOW_FORMATS:
+    if frame.video_frame is None or isinstance(frame, DeepFrame):
         red, green, blue = (np.asarray(part, np.uint8) for part in cv2.split(frame.rgb()))
         return [green, blue, red], gbr_matrix(), AS_STORED
     planes = [*plane_arrays(frame.video_frame), NO_CHROMA, NO_CHROMA][:3]

@@ -1,4 +1,4 @@
-"""A video frame with more than 8 bits: its planes stay as they are, and 8-bit rectangles stand for them.
+"""A video frame with more than 8 bits, or HDR: its planes stay as they are, and 8-bit rectangles stand for them.
 
 What reads such a frame gets the 8-bit picture of its `Rendition`; what writes a rectangle changes only the pixels that
 differ from that picture, and those get what they show in all the frame's bits.
@@ -19,7 +19,7 @@ from guise.app.media.colour import ColourMatrix
 from guise.app.media.frame import Frame, matrix_of
 from guise.app.media.orientation import AS_STORED, Orientation, Points
 from guise.app.media.pixel_formats import DEEP_FORMATS, depth
-from guise.app.media.rendition import Rendition, rendition_of
+from guise.app.media.rendition import Rendition, is_hdr, rendition_of
 
 Plane = NDArray[np.uint8]
 F32 = NDArray[np.float32]
@@ -31,13 +31,15 @@ def frame_of(
 ) -> Frame:  # fmt: skip
     """The frame of a picture: RGB (h, w, 3) uint8, or decoded, in a native format of any depth."""
     rest: dict[str, Any] = {"pts": pts, "time_base": time_base, "index": index, "orientation": orientation}
-    if isinstance(picture, av.VideoFrame) and picture.format.name in DEEP_FORMATS:
+    if isinstance(picture, av.VideoFrame) and (
+        picture.format.name in DEEP_FORMATS or is_hdr(picture.color_trc)
+    ):
         return DeepFrame(picture, **rest)
     return Frame(picture, **rest)
 
 
 class DeepFrame(Frame):
-    """A frame whose components have 9 to 16 bits; once it shows another picture, it has 8."""
+    """A frame whose components have 9 to 16 bits, or are HDR's; once it shows another picture, neither."""
 
     def __init__(self, picture: av.VideoFrame, **rest: Any) -> None:
         super().__init__(picture, **rest)
@@ -120,7 +122,7 @@ class DeepFrame(Frame):
             whole = cv2.copyMakeBorder(both, top, bottom, left, right, cv2.BORDER_REPLICATE)
             part = cv2.resize(whole, size, interpolation=cv2.INTER_AREA)
             values, where = np.asarray(part[..., 0], np.float32), part[..., 1] > 0
-        made = np.clip(values * self._unit + np.float32(0.5), 0, self._most).astype(np.uint16)
+        made = np.clip(values * self._unit + np.float32(0.5), 0, self._most).astype(plane.dtype)
         np.copyto(plane[rows, columns], made, where=where)
 
     def _sample_components(self, points: Points) -> F32:
