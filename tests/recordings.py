@@ -28,15 +28,16 @@ def stay(time: Fraction) -> Fraction:
 
 def record(
     path: Path, start: Fraction | int = 0, frames: int = 24, *, pictures: Move = stay, sound: Move | None = stay,
-    codecs: tuple[str, str] | None = None,
+    codecs: tuple[str, str] | None = None, options: dict[str, str] | None = None,
 ) -> Path:  # fmt: skip
     """A recording of 64 x 48 pixels.
 
     start : time of the first picture and sample, seconds.   frames : pictures, beside as much sound.
     pictures, sound : what their times become; None for no sound.   codecs : of pictures and sound.
+    options : of the container.
     """
     codec, other = codecs or _CODECS.get(path.suffix, ("libx264", "aac"))
-    with av.open(str(path), "w") as out:
+    with av.open(str(path), "w", container_options=options or {}) as out:
         packets = _pictures(out, codec, [pictures(start + i * STEP) for i in range(frames)])
         if sound is not None:
             audio = out.add_stream(other, SAMPLES, layout="stereo")

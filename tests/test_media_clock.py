@@ -104,6 +104,25 @@ def test_a_clock_that_wraps_hides_no_picture(tmp_path: Path, before: Fraction) -
     assert not notes
 
 
+@pytest.mark.parametrize(
+    ("suffix", "options"),
+    [(".mp4", {"movflags": "frag_keyframe+empty_moov+delay_moov"}),
+     (".ts", {"avoid_negative_ts": "disabled", "mpegts_copyts": "1"})],
+)  # fmt: skip
+def test_times_below_zero_hide_no_picture_and_say_nothing_false(
+    tmp_path: Path, suffix: str, options: dict[str, str]
+) -> None:
+    source = record(tmp_path / f"early{suffix}", -1, frames=48, options=options)
+    before = times(source)
+    assert before[0][0] < 0
+    target, notes = copied(source)
+    after = times(target)
+    assert len(after[0]) == 48
+    assert min(after[0]) >= 0
+    assert float(after[1][-1] - after[0][0]) == pytest.approx(float(before[1][-1] - before[0][0]), abs=1e-3)
+    assert not notes
+
+
 @pytest.mark.parametrize("rate", [24, 30, 50, Fraction(30000, 1001)])
 @pytest.mark.parametrize("codec", ["h264", "hevc"])
 def test_a_raw_stream_has_the_rate_of_its_codec(tmp_path: Path, codec: str, rate: Fraction | int) -> None:

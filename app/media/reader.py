@@ -391,19 +391,17 @@ class VideoReader(Closing):
             )
 
     def _reached_end(self) -> Fraction:
-        """How far into the file packets reached, seconds of its own clock."""
+        """How far into the file packets reached, seconds."""
         streams = self.container.streams
-        ends = [
-            end * Fraction(streams[i].time_base or 0) - self.clock.shift(i)
-            for i, end in self._reached.items()
-        ]
+        ends = [end * Fraction(streams[i].time_base or 0) for i, end in self._reached.items()]
         return max(ends, default=Fraction(0))
 
     def _announced_end(self) -> Fraction | None:
         """The end of the file by its header, seconds; None where that would be a guess."""
         kinds = set(self.container.format.name.split(","))
-        whole = self._start is None and len(self.container.streams.video) == 1 and not self.clock.jumps
-        if not self.container.duration or not whole or not kinds & _STATES_DURATION:
+        whole = self._start is None and len(self.container.streams.video) == 1
+        moved = self.clock.jumps or self.clock.shift(self.stream.index)
+        if not self.container.duration or not whole or moved or not kinds & _STATES_DURATION:
             return None
         # in others than MP4, some programs count from zero and some from the first packet
         start = self.container.start_time or 0 if "mp4" in kinds else 0
