@@ -32,13 +32,14 @@ class Console:
 
     quiet: bool = option(False, "Print errors only.", name="--quiet -q")
     json: bool = option(False, "Print one JSON object on stdout, notes on stderr.")
+    piped: bool = field(default=False, init=False)  # stdout holds pictures, and stderr the rest
     _bars: Progress | None = field(default=None, init=False)
     _said: set[str] = field(default_factory=set, init=False)
 
     def say(self, text: str) -> None:
         """Print a line of the result for people; with --json the object holds it instead."""
         if not (self.quiet or self.json):
-            self._print(text, sys.stdout)
+            self._print(text, sys.stderr if self.piped else sys.stdout)
 
     def note(self, text: str) -> None:
         """Print a note on stderr, the same one only once."""
@@ -77,7 +78,7 @@ class Console:
     def result(self, facts: Mapping[str, Any]) -> None:
         """Print the JSON object of a run, with --json."""
         if self.json:
-            print(json.dumps(facts, default=str))
+            print(json.dumps(facts, default=str), file=sys.stderr if self.piped else sys.stdout)
 
     @contextlib.contextmanager
     def progress(self, label: str) -> Iterator[Advance]:

@@ -57,6 +57,18 @@ OutsideChoice = Annotated[
     Literal["keep", "cut"],
     typer.Option("--outside", help="What lies outside --from and --to: keep it as it is, or cut it off."),
 ]
+PipeFormat = Annotated[
+    Literal["y4m", "rawvideo", "nut"],
+    typer.Option("--pipe", help="The format of `-o -`, which writes to a pipe."),
+]
+RawVideo = Annotated[
+    str | None,
+    typer.Option(
+        "--raw",
+        metavar="WxH@FPS[:PIXELS]",
+        help="What comes from a pipe as `-` if it is raw video: 640x480@30:yuv420p.",
+    ),
+]
 _IDENTITY = typer.Option(
     "--identity",
     metavar="FACE",

@@ -30,6 +30,8 @@ from guise.app.cli.options import (
     OutputOrFolder,
     OutsideChoice,
     Part,
+    PipeFormat,
+    RawVideo,
     Rest,
     Shown,
     SourceSpec,
@@ -52,6 +54,9 @@ if TYPE_CHECKING:
     from guise.app.swapping.several import Casting
 
 
+PIPE = Path("-")
+
+
 @takes
 def swap(
     videos: Videos,
@@ -69,6 +74,8 @@ def swap(
     from_: From = None,
     to: To = None,
     outside: OutsideChoice = "keep",
+    pipe: PipeFormat = "nut",
+    raw: RawVideo = None,
     detector: Detector = "builtin",
     unsure: UnsureOption = "cover",
     hwaccel: HardwareDecoding = "none",
@@ -101,9 +108,20 @@ def swap(
         )
         if not alone:
             return swap_each(console, videos, output, made, settings, each=each)
-        report = made(Path(videos[0]), Path(output), settings)
+        places = _places(Path(videos[0]), Path(output), pipe, raw, console)
+        report = made(*places, settings)
     _say_swap(console, report)
     return 0
+
+
+def _places(video: Path, output: Path, pipe: str, raw: str | None, console: Console) -> tuple[Path, Path]:
+    """Input and output, either of which may be a pipe; what is said then goes to stderr."""
+    from guise.app.media.pipes import input_pipe, output_pipe
+
+    if raw is not None and video != PIPE:
+        raise typer.BadParameter("--raw is for raw video from a pipe: give - as VIDEO")
+    console.piped = output == PIPE
+    return input_pipe(raw) if video == PIPE else video, output_pipe(pipe) if output == PIPE else output
 
 
 def _is_alone(videos: list[str], *, each: bool) -> bool:
@@ -181,6 +199,8 @@ def puppet(
     from_: From = None,
     to: To = None,
     outside: OutsideChoice = "keep",
+    pipe: PipeFormat = "nut",
+    raw: RawVideo = None,
     detector: Detector = "builtin",
     encoding: Encode,
     no_keep: NoKeep = False,
@@ -199,6 +219,7 @@ def puppet(
             settings, keep_people=not no_keep, part=TimeRange.between(from_, to), outside=outside
         )
         shown, person = _open(identity, source, landmarks, landmarker)
+        video, output = _places(video, output, pipe, raw, console)
         report = puppet_file(video, shown, output, source=person, settings=settings)
     say_report(console, report, "followed")
 

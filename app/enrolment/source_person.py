@@ -6,7 +6,8 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from guise.aam.model import Identity
-from guise.app.media import MediaInput
+from guise.app.media import MediaError, MediaInput
+from guise.app.media.pipes import READ_ONCE, is_pipe
 from guise.app.people import kept
 from guise.common.progress import Progress, Say
 
@@ -32,6 +33,8 @@ def source_person(
     """
     if isinstance(given, Identity):
         return given
+    if is_pipe(media.path):
+        raise MediaError(READ_ONCE)
     if media.kind == "image":
         from guise.app.enrolment.enrol import EnrolError
 

@@ -30,6 +30,7 @@ from guise.app.media.hardware import working_encoder
 from guise.app.media.hdr import hdr_name, merged
 from guise.app.media.input import MediaInput, VideoInput
 from guise.app.media.orientation import AS_STORED, Orientation
+from guise.app.media.pipes import encoded_for, holds_times, is_pipe
 from guise.app.media.pixel_formats import depth, has_alpha
 from guise.app.media.reader import is_full_range, reformat
 from guise.app.media.rendition import is_hdr
@@ -122,6 +123,7 @@ class Encoding:
     picture_format : of its pictures.   rate : average frames per second.   time_base : unit of pts, seconds.
     field_order : of interlaced pictures, as FFmpeg numbers it, or None.
     threads : of the encoder; 0 for as many as suit the machine, on which the output then depends.
+    counts : frames are counted, in `time_base`, as the container holds no times, only one rate.
     """
 
     codec: str
@@ -132,6 +134,7 @@ class Encoding:
     time_base: Fraction
     field_order: int | None
     threads: int
+    counts: bool = False
 
     def configure(self, context: VideoCodecContext) -> None:
         """Set up an encoder's context, except for its own options."""
@@ -155,6 +158,8 @@ class Encoding:
         picture = self.picture_format.picture(frame)
         picture.pict_type = PictureType.NONE  # the encoder decides, not the input's encoder
         picture.pts, picture.time_base = frame.pts, frame.time_base
+        if self.counts:
+            picture.pts, picture.time_base = frame.index, self.time_base
         return picture
 
 
@@ -168,6 +173,8 @@ def encoding_for(
     size : (width, height) of the frames if it differs from the input's.
     captions : whether encoders that can write closed captions keep those in the pictures.
     """
+    if is_pipe(output):
+        options = encoded_for(output, options)
     if options.encoder == AUTO:
         fmt = media.first_picture.format.name if isinstance(media, VideoInput) and size is None else "yuv420p"
         fmt = fmt if media.has_alpha else fmt.replace("yuva", "yuv")
@@ -189,15 +196,17 @@ def encoding_for(
         settings = {"flags": "+ildct+ilme", **settings}
     order = media.stream.codec_context.field_order if interlaced else None  # type: ignore[attr-defined]
     _note_changes(media, form, codec.name, is_copy=size is None)
+    counts = is_pipe(output) and not holds_times(output)
     return Encoding(
         codec.canonical_name,
         codec.name,
         settings,
         form,
         media.frame_rate,
-        media.time_base,
+        1 / media.frame_rate if counts else media.time_base,
         order,
         threads,
+        counts,
     )
 
 

@@ -26,6 +26,7 @@ from guise.app.media.hardware import HardwareDecoder, working_decoder
 from guise.app.media.hdr import changing_metadata, light_levels
 from guise.app.media.images import DeepImage, eight_bits, list_images, read_deep
 from guise.app.media.orientation import AS_STORED, Orientation, parse_display_matrix
+from guise.app.media.pipes import READ_ONCE, is_pipe
 from guise.app.media.pixel_formats import has_alpha
 from guise.app.media.reader import (
     LIMITS,
@@ -73,7 +74,7 @@ class MediaInput(Closing):
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.name = path.name
+        self.name = "the pipe" if is_pipe(path) else path.name
         self.problems = ProblemLog()
         self._versions = [file_version(path)]
 
@@ -181,6 +182,8 @@ class VideoInput(MediaInput):
 
     def _measured_rate(self) -> Fraction:
         """Frames per second at the beginning, where the container has no rate, as in a browser's recordings."""
+        if is_pipe(self.path):
+            return IMAGES_PER_SECOND
         with open_container(self.path) as container:
             packets = islice(container.demux(main_video(container, self.path)), _RATE_PACKETS)
             times = [packet.pts * packet.time_base for packet in packets if packet.pts is not None]
@@ -217,7 +220,9 @@ class VideoInput(MediaInput):
         return self.frames_of(self._pictures(listener or _ignore))
 
     def open_reader(self, problems: ProblemLog) -> VideoReader:
-        """Another pass over the file; it closes with this input."""
+        """Another pass over the file; it closes with this input.  A pipe has only one: MediaError."""
+        if is_pipe(self.path):
+            raise MediaError(READ_ONCE)
         reader = VideoReader(self.path, problems, self._device, self.clock)
         self._others.append(reader)
         return reader
@@ -458,6 +463,12 @@ def open_input(
     """
     path = Path(path)
     try:
+        if is_pipe(path):
+            if part is not None:
+                raise MediaError(
+                    "A pipe cannot be cut: leave out --outside cut, or write it to a file first."
+                )
+            return VideoInput(path, hwaccel)
         if not path.exists():
             raise MediaError(f"{path} does not exist: give a video file, an image or a folder of images.")
         kind = "image" if path.is_dir() else kind_of(path)

@@ -29,6 +29,7 @@ from guise.app.media.coded_quality import TELL_QUANTISER
 from guise.app.media.encoder import find_codec
 from guise.app.media.errors import MediaError, reason
 from guise.app.media.letterbox import fitting_box, pasted
+from guise.app.media.pipes import UNREADABLE, is_pipe, opened_as
 from guise.app.media.pixel_formats import NATIVE_FORMATS, depth, nearest_format
 from guise.common.closing import Closing
 
@@ -96,17 +97,21 @@ class ProblemLog(list[str]):
 
 def open_container(path: Path, device: str | None = None) -> InputContainer:
     """Open a media file, to be decoded by a device; MediaError says in one sentence why it cannot be read."""
+    place, kind, options = opened_as(path)
     try:
-        # an absolute path, as FFmpeg takes anything before a colon for a protocol
         container = av.open(
-            str(path.absolute()),
+            place,
             "r",
+            format=kind,
+            options=options,
             metadata_errors="surrogateescape",
             hwaccel=HWAccel(device) if device else None,
         )
     except PermissionError as error:
         raise MediaError(f"{path} cannot be read ({error.strerror}): check its permissions.") from error
     except (av.error.FFmpegError, OSError) as error:
+        if is_pipe(path):
+            raise MediaError(UNREADABLE) from error
         raise MediaError(
             f"{path} is not a video that can be read ({reason(error)}): give a video file, "
             "an image or a folder of images."

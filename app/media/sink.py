@@ -28,6 +28,7 @@ from guise.app.media.frame import Frame
 from guise.app.media.images import PAGES, DeepImage, can_write, changed, encode_deep, encode_pages, lossy_form
 from guise.app.media.input import AnimationInput, ImageInput, MediaInput, VideoInput, VideoPart
 from guise.app.media.pictures import letterboxed
+from guise.app.media.pipes import is_pipe, written_as
 from guise.app.media.reader import AnyPacket
 from guise.app.media.rendition import is_hdr
 from guise.app.media.stream_copies import (
@@ -114,14 +115,15 @@ class VideoOutput(Sink):
         self._lock = threading.Lock()
         self._encoding = encoding
         self._copies: StreamCopier | None = None
-        format_name = _container_of(path)
+        format_name, more = written_as(path) if is_pipe(path) else (_container_of(path), {})
         self._check_rotation(format_name)
         metadata = _metadata(media, tags, private)
         self.claim()
         try:
+            place = "pipe:1" if is_pipe(path) else str(self.part.absolute())
             self._output = av.open(
-                str(self.part.absolute()), "w", format=format_name, metadata_errors="surrogateescape",
-                container_options=muxer_options(format_name, metadata, media.time_base),
+                place, "w", format=format_name, metadata_errors="surrogateescape",
+                container_options=muxer_options(format_name, metadata, media.time_base) | more,
             )  # fmt: skip
             self._output.metadata.update(metadata)
             self._stream = self._add_video(media)
@@ -137,6 +139,14 @@ class VideoOutput(Sink):
         except BaseException:
             self.abort()
             raise
+
+    def claim(self) -> None:
+        if not is_pipe(self.path):
+            super().claim()
+
+    def publish(self) -> None:
+        if not is_pipe(self.path):
+            super().publish()
 
     def _check_rotation(self, format_name: str) -> None:
         form = self._encoding.picture_format
@@ -199,7 +209,8 @@ class VideoOutput(Sink):
     def discard(self) -> None:
         with contextlib.suppress(AttributeError, av.error.FFmpegError, OSError, ValueError):
             self._output.close()
-        super().discard()
+        if not is_pipe(self.path):
+            super().discard()
 
 
 class VideoSink(VideoOutput):
@@ -393,6 +404,8 @@ def open_sink(
     Raises MediaError for a user's mistake, and then leaves nothing behind.
     """
     path = Path(path)
+    if is_pipe(path):
+        return VideoSink(path, media, options, force=force, tags=tags, size=size, private=private)
     check_free(path, media, force)
     if not path.is_dir() and is_animation(path, media):
         _check_animation(path, options)
