@@ -169,26 +169,47 @@ def _shifted(container: InputContainer, seconds: Fraction) -> FileClock:
 # -- finding the jumps -----------------------------------------------------------------------------------------
 
 
-@dataclass
+@dataclass(eq=False)
 class _Run:
-    """A stream's packets between two jumps, seconds.
+    """A stream's packets between two jumps; times in its unit, seconds.
 
-    start : the first one's number in the stream.   jump : from the time before; backwards by dts, ahead by pts.
-    since : times below belong to the run before, as pictures are decoded in another order; None after a jump back.
-    others : of the other streams at that moment, number of packets so far and last dts.
-    first, last : the least and the greatest pts.
+    start : the first one's number in the stream.   step : by which its clock jumped; back by dts, ahead by pts.
+    border : times below belong to the run before, as pictures are decoded in another order; None after a jump back.
+    others : of the other streams at that moment, number of packets so far and last dts, seconds.
+    low, high : the least and the greatest pts.
     """
 
+    unit: Fraction
     start: int
-    jump: Fraction
-    since: Fraction | None
+    step: int
+    border: int | None
     others: Mapping[int, tuple[int, Fraction | None]]
-    first: Fraction
-    last: Fraction
+    low: int
+    high: int
 
-    def take(self, time: Fraction) -> None:
+    @property
+    def jump(self) -> Fraction:
+        """By how much the clock jumped, seconds."""
+        return self.step * self.unit
+
+    @property
+    def since(self) -> Fraction | None:
+        """The border, seconds."""
+        return None if self.border is None else self.border * self.unit
+
+    @property
+    def first(self) -> Fraction:
+        """The least pts, seconds."""
+        return self.low * self.unit
+
+    @property
+    def last(self) -> Fraction:
+        """The greatest pts, seconds."""
+        return self.high * self.unit
+
+    def take(self, pts: int) -> None:
         """Add a packet's pts."""
-        self.first, self.last = min(self.first, time), max(self.last, time)
+        self.low, self.high = min(self.low, pts), max(self.high, pts)
 
 
 class _Trace:
@@ -198,54 +219,58 @@ class _Trace:
         self.unit = Fraction(stream.time_base or 1)
         self.runs: list[_Run] = []
         self.packets = 0
-        self.now: Fraction | None = None  # the last dts, seconds
-        self._steps: Counter[Fraction] = Counter()
+        self._dts: int | None = None
+        self._steps: Counter[int] = Counter()
+        self._back = math.ceil(LIMITS.max_step_back / self.unit)
+        self._ahead = math.ceil(LIMITS.max_step_ahead / self.unit)
 
     @property
     def step(self) -> Fraction:
         """From packet to packet as a rule, seconds."""
-        return self._steps.most_common(1)[0][0] if self._steps else Fraction(0)
+        return self._steps.most_common(1)[0][0] * self.unit if self._steps else Fraction(0)
+
+    @property
+    def now(self) -> Fraction | None:
+        """The last dts, seconds."""
+        return None if self._dts is None else self._dts * self.unit
 
     def feed(self, packet: Packet[Stream], traces: Mapping[int, _Trace]) -> None:
         """Take the next packet."""
         dts, pts = packet.dts, packet.pts
         back = self._step_back(dts if dts is None or pts is None else min(dts, pts))
-        if packet.pts is not None:
-            self._place(packet.pts * self.unit, back, traces)
+        if pts is not None:
+            self._place(pts, back, traces)
         self.packets += 1
 
-    def _step_back(self, dts: int | None) -> Fraction | None:
-        """By how much the dts jumps back, below 0, or None."""
+    def _step_back(self, dts: int | None) -> int:
+        """By how much the dts jumps back, below 0, or 0."""
         if dts is None:
-            return None
-        now, self.now = self.now, dts * self.unit
-        step = Fraction(0) if now is None else self.now - now
+            return 0
+        last, self._dts = self._dts, dts
+        step = 0 if last is None else dts - last
         if step > 0:
             self._steps[step] += 1
-        return step if step < -LIMITS.max_step_back else None
+        return step if step < -self._back else 0
 
-    def _place(self, time: Fraction, back: Fraction | None, traces: Mapping[int, _Trace]) -> None:
+    def _place(self, pts: int, back: int, traces: Mapping[int, _Trace]) -> None:
         """Add a pts to the last run, to the one before, or to a new one."""
         run = self.runs[-1] if self.runs else None
-        if run is None or back is not None:
-            self._begin(time, back or Fraction(0), None, traces)
-        elif time > run.last + self._step_ahead(run):
-            self._begin(time, time - run.last, (time + run.last) / 2, traces)
+        if run is None or back:
+            self._begin(pts, back, None, traces)
+        elif pts > run.high + self._step_ahead(run):
+            self._begin(pts, pts - run.high, (pts + run.high) // 2, traces)
         else:
-            earlier = run.since is not None and time < run.since
-            self.runs[-2 if earlier else -1].take(time)
+            self.runs[-2 if run.border is not None and pts < run.border else -1].take(pts)
 
-    def _step_ahead(self, run: _Run) -> Fraction:
+    def _step_ahead(self, run: _Run) -> int:
         """What counts as a jump ahead; soon after one back, also what undoes it."""
-        if run.jump >= 0 or self.packets - run.start > LIMITS.most_strays:
-            return LIMITS.max_step_ahead
-        return min(LIMITS.max_step_ahead, max(-run.jump * Fraction(3, 4), LIMITS.max_step_back))
+        if run.step >= 0 or self.packets - run.start > LIMITS.most_strays:
+            return self._ahead
+        return min(self._ahead, max(-run.step * 3 // 4, self._back))
 
-    def _begin(
-        self, time: Fraction, jump: Fraction, since: Fraction | None, traces: Mapping[int, _Trace]
-    ) -> None:
+    def _begin(self, pts: int, step: int, border: int | None, traces: Mapping[int, _Trace]) -> None:
         others = {index: (trace.packets, trace.now) for index, trace in traces.items()}
-        self.runs.append(_Run(self.packets, jump, since, others, time, time))
+        self.runs.append(_Run(self.unit, self.packets, step, border, others, pts, pts))
 
 
 @lru_cache(maxsize=64)
