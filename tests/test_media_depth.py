@@ -19,6 +19,7 @@ from guise.app.drawing.look import SWAP
 from guise.app.media import EncodeOptions, Frame, open_input, open_sink
 from guise.app.media.colour import BT709, LIMITED, yuv_matrix
 from guise.app.media.deep_frame import DeepFrame, frame_of
+from guise.app.media.encoder import chosen_encoder, encoder_settings
 from guise.app.media.encoding import encoding_for
 from guise.app.media.frame import plane_arrays
 from guise.app.media.hdr import light_levels
@@ -486,6 +487,12 @@ def test_alpha_that_the_target_does_not_hold_is_one_note(tmp_path: Path) -> None
         assert problem.startswith(
             f"Transparency was left out, as {encoder} has none: without --encoder, .webm"
         )
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv", ".webm"])
+@pytest.mark.parametrize("fmt", ["yuv420p", "yuv420p10le", "yuva420p", "yuva444p10le"])
+def test_whatever_is_chosen_can_be_lossless(suffix: str, fmt: str) -> None:
+    encoder_settings(EncodeOptions(chosen_encoder(suffix, fmt, lossless=True), lossless=True))
 
 
 def test_formats_are_chosen_by_what_they_keep() -> None:

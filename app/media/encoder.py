@@ -100,17 +100,17 @@ def check_options(options: EncodeOptions) -> None:
     encoder_settings(options)
 
 
-def chosen_encoder(suffix: str, fmt: str) -> str:
-    """The encoder for pictures of a native format in a file with a suffix.
+def chosen_encoder(suffix: str, fmt: str, *, lossless: bool = False) -> str:
+    """The encoder for pictures of a native format in a file with a suffix; one with such a mode where it is lossless.
 
     >>> chosen_encoder(".mp4", "yuv420p"), chosen_encoder(".mp4", "yuv420p10le"), chosen_encoder(".webm", "yuva420p")
     ('libx264', 'libx265', 'libvpx-vp9')
     """
     deep, suffix = depth(fmt) > SHALLOW, suffix.lower()
-    if has_alpha(fmt) and suffix in _WITH_ALPHA:
+    if has_alpha(fmt) and suffix in _WITH_ALPHA and not (lossless and suffix == ".mov"):
         name = _WITH_ALPHA[suffix]
     elif suffix == ".webm":
-        name = "libsvtav1" if deep else "libvpx-vp9"
+        name = "libsvtav1" if deep and not lossless else "libvpx-vp9"
     else:
         name = "libx265" if deep and suffix in _WITH_HEVC else "libx264"
     return name if find_codec(name, "w") else "libx264"

@@ -35,7 +35,7 @@ from guise.app.media.pixel_formats import depth, has_alpha
 from guise.app.media.reader import is_full_range, reformat
 from guise.app.media.rendition import is_hdr
 
-_WITH_ALPHA = "without --encoder, .webm, .mkv and .mov keep it."
+_WITH_ALPHA = "without --encoder, .webm and .mkv keep it."
 _X265_FRAMES = 3  # fewer than which get decoding times from uninitialised memory where x265 reorders them
 _CAPTIONING = frozenset({"libx264", "libx264rgb", "mpeg2video"})  # encoders that write captions by default
 
@@ -178,7 +178,7 @@ def encoding_for(
     if options.encoder == AUTO:
         fmt = media.first_picture.format.name if isinstance(media, VideoInput) and size is None else "yuv420p"
         fmt = fmt if media.has_alpha else fmt.replace("yuva", "yuv")
-        options = replace(options, encoder=chosen_encoder(output.suffix, fmt))
+        options = replace(options, encoder=chosen_encoder(output.suffix, fmt, lossless=options.lossless))
     options = working_encoder(options, media.problems.note)
     codec = find_encoder(options.encoder)
     options = replace(options, encoder=codec.name)  # "h264" finds libx264
