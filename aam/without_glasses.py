@@ -109,7 +109,7 @@ def reflections(texture: F32, reference: ReferenceFrame) -> Bool:
     skin, width = skin_mask(reference), reference.resolution
     bright = (texture @ LUMA > LIMITS.reflection * float(np.median((texture @ LUMA)[skin]))).astype(np.uint8)
     eyes = _hulls(reference, [reference.points[part] for part in (RIGHT_EYE, LEFT_EYE)])
-    lenses = cv2.dilate(eyes, disc(LIMITS.lens_face_widths * width))
+    lenses = np.asarray(cv2.dilate(eyes, disc(LIMITS.lens_face_widths * width)), np.uint8)
     large = cv2.morphologyEx(bright & lenses, cv2.MORPH_OPEN, disc(LIMITS.reflection_face_widths * width / 2))
     grown = cv2.dilate(large, disc(LIMITS.reflection_edge_face_widths * width))
     return np.asarray((grown > 0) & reference.mask)
