@@ -56,7 +56,7 @@ def pass_on(inp: Path, out: Path, options: EncodeOptions = USUAL) -> list[str]:
         return list(source.problems)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     source=st.sampled_from([".gif", ".webp", ".png", ".avif"]), target=st.sampled_from(list(UNITS)),
     delays=st.lists(st.integers(2, 60), min_size=2, max_size=5), loop=st.sampled_from([0, 1, 3]), twice=st.booleans(),
@@ -111,6 +111,13 @@ def test_avif_says_that_it_keeps_no_transparency(tmp_path: Path) -> None:
     assert pass_on(tmp_path / "in.png", tmp_path / "out.avif") == [
         "out.avif does not keep transparency: a .png or .webp file does."
     ]
+
+
+def test_avif_refuses_what_its_encoder_cannot_take(tmp_path: Path) -> None:
+    save(tmp_path / "in.webp", pictures(2, (400, 20)), [100, 100])
+    with pytest.raises(MediaError, match=r"at least 64 pixels a side, not 400 x 20: write to \.webp"):
+        pass_on(tmp_path / "in.webp", tmp_path / "out.avif")
+    assert [file.name for file in tmp_path.iterdir()] == ["in.webp"]
 
 
 def video(path: Path, rate: int, count: int, *, sound: bool = False) -> list[np.ndarray]:

@@ -17,12 +17,14 @@ from numpy.typing import NDArray
 
 from guise.app.media import colour
 from guise.app.media.boxes import box
+from guise.app.media.encoder import EncodeOptions, encoder_settings, ordinary_priority
 from guise.app.media.errors import MediaError
 from guise.app.media.images import XMP_BOX, with_tags, xmp
 from guise.app.media.yuv import from_rgb
 
 FORMS = {".gif": "gif", ".webp": "webp", ".png": "apng", ".apng": "apng", ".avif": "avif"}
 LOSSLESS = frozenset({"webp", "apng"})  # the others never are
+_AVIF_SIDE = 64  # least pixels; SVT-AV1 waits for ever for the rows of flat pictures
 _WEBP_QUALITY = 90  # of lossy pictures, of 100
 _GIF_XMP = b"\x21\xff\x0bXMP DataXMP"  # an application extension, and how it ends (XMP, part 3, 1.1.2)
 _GIF_XMP_END = b"\1" + bytes(range(255, -1, -1)) + b"\0"
@@ -50,6 +52,10 @@ def open_writer(
 
     size : width, height.   plays : how often it is played, 0 for ever.   alpha : pictures are RGBA instead of RGB.
     """
+    if form == "avif" and min(size) < _AVIF_SIDE:
+        raise MediaError(
+            f"An animated AVIF has at least {_AVIF_SIDE} pixels a side, not {size[0]} x {size[1]}: write to .webp or .png."
+        )
     if form == "webp":
         return _WebP(path, size, plays, alpha=alpha, lossless=lossless)
     return _Muxed(path, form, size, plays, alpha=alpha)
@@ -75,7 +81,11 @@ def add_tags(path: Path, form: str, tags: Mapping[str, str]) -> None:
 _CODERS = {
     "gif": ("gif", {}, Fraction(1, 100)),
     "apng": ("apng", {}, Fraction(1, 90_000)),
-    "avif": ("libsvtav1", {"crf": "20", "preset": "8"}, Fraction(1, 90_000)),
+    "avif": (
+        "libsvtav1",
+        encoder_settings(EncodeOptions("libsvtav1", crf=20, preset="8")),
+        Fraction(1, 90_000),
+    ),
 }
 
 
@@ -98,6 +108,8 @@ class _Muxed:
         if form == "avif":
             context.color_range, context.colorspace = colour.FULL, colour.SMPTE170M
             context.color_primaries, context.color_trc = colour.BT709, 13
+        with ordinary_priority():
+            self._container.start_encoding()
         self._stream, self._ends, self._last = stream, dict[int, int](), 0
         self._path, self._form = path, form
 
