@@ -54,7 +54,7 @@ def open_writer(
     """
     if form == "avif" and min(size) < _AVIF_SIDE:
         raise MediaError(
-            f"An animated AVIF has at least {_AVIF_SIDE} pixels a side, not {size[0]} x {size[1]}: write to .webp or .png."
+            f"An animated AVIF has at least {_AVIF_SIDE} pixels a side, not {size[0]} x {size[1]}: write to .webp."
         )
     if form == "webp":
         return _WebP(path, size, plays, alpha=alpha, lossless=lossless)
