@@ -295,13 +295,9 @@ class ShutShares:
         self._openings = [max(one, 1e-6) for one in eye_openings(at_rest)]
 
     def __call__(self, openings: tuple[float, float]) -> tuple[float, float]:
-        """Shares in [0, 1] of the right and the left eye for the `eye_openings` of a shape.
-
-        An eye that is found half open beside a shut one counts as shut too: hardly anyone winks like that.
-        """
-        right, left = [now / at_rest for now, at_rest in zip(openings, self._openings, strict=True)]
-        both = (right + left) / 2
-        return self._share(min(right, both)), self._share(min(left, both))
+        """Shares in [0, 1] of the right and the left eye for the `eye_openings` of a shape."""
+        right, left = (now / at_rest for now, at_rest in zip(openings, self._openings, strict=True))
+        return self._share(right), self._share(left)
 
     def _share(self, opening: float) -> float:
         return min(max((self._first - opening) / (self._first - self._last), 0.0), 1.0)
