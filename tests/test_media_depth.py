@@ -25,6 +25,7 @@ from guise.app.media.frame import plane_arrays
 from guise.app.media.hdr import light_levels
 from guise.app.media.orientation import Orientation
 from guise.app.media.packets import PacketSink, assemble, read_packets
+from guise.app.media.pipes import encoded_for, output_pipe
 from guise.app.media.pixel_formats import DEEP_FORMATS, NATIVE_FORMATS, depth, least_loss, nearest_format
 from guise.app.media.rendition import HLG, PQ, WHITE_NITS, rendition_of
 from guise.app.swapping.cover import cover
@@ -487,6 +488,25 @@ def test_alpha_that_the_target_does_not_hold_is_one_note(tmp_path: Path) -> None
         assert problem.startswith(
             f"Transparency was left out, as {encoder} has none: without --encoder, .webm"
         )
+
+
+@pytest.mark.parametrize(
+    ("kind", "made", "fmt", "transfer", "written", "said"),
+    [
+        ("y4m", "ffv1", "yuva444p10le", BT709, "yuv444p10le", "Transparency was left out, as y4m has none"),
+        ("nut", "ffv1", "yuva444p10le", BT709, "yuva444p10le", None),
+        ("y4m", "ffv1", "yuv420p10le", HLG, "yuv420p10le", "Raw pictures say nothing of HDR: they are HLG"),
+        ("nut", "libx265", "yuv420p10le", PQ, "yuv420p10le", "they are PQ with the colours of BT.2020"),
+    ],
+)
+def test_pipes_keep_what_they_hold_and_say_what_they_do_not(
+    tmp_path: Path, kind: str, made: str, fmt: str, transfer: int, written: str, said: str | None
+) -> None:
+    clip, pipe = make(tmp_path / "in.mkv", made, fmt, 3, transfer, GRADED), output_pipe(kind)
+    with open_input(clip) as media:
+        found = encoding_for(media, encoded_for(pipe, EncodeOptions()), pipe)
+        assert found.picture_format.fmt == written
+        assert [said is not None and said in problem for problem in media.problems] == [True] * bool(said)
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv", ".webm"])

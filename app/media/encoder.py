@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import platform
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
@@ -192,9 +192,12 @@ def _lossless_settings(name: str) -> dict[str, str]:
     raise MediaError(f"Encoder {name!r} has no lossless mode: use libx264, libx265, libvpx-vp9 or ffv1.")
 
 
-def encoder_format(codec: av.Codec, name: str) -> str:
-    """The encoder's pixel format for a native one: the same, or the one that loses the least."""
-    supported = [fmt.name for fmt in codec.video_formats or ()]
+def encoder_format(codec: av.Codec, name: str, held: Sequence[str] = ()) -> str:
+    """The encoder's pixel format for a native one: the same, or the one that loses the least.
+
+    held : formats that the container holds, where it does not hold all.
+    """
+    supported = [fmt.name for fmt in codec.video_formats or ()] or held
     supported = [fmt for fmt in supported if not has_alpha(fmt) or opens(codec.name, fmt)]
     if not supported or name in supported:
         return name

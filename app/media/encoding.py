@@ -30,10 +30,10 @@ from guise.app.media.hardware import working_encoder
 from guise.app.media.hdr import hdr_name, merged
 from guise.app.media.input import MediaInput, VideoInput
 from guise.app.media.orientation import AS_STORED, Orientation
-from guise.app.media.pipes import encoded_for, holds_times, is_pipe
+from guise.app.media.pipes import encoded_for, formats_of, holds_times, is_pipe
 from guise.app.media.pixel_formats import depth, has_alpha
 from guise.app.media.reader import is_full_range, reformat
-from guise.app.media.rendition import is_hdr
+from guise.app.media.rendition import BT2020, HLG, is_hdr
 
 _WITH_ALPHA = "without --encoder, .webm and .mkv keep it."
 _X265_FRAMES = 3  # fewer than which get decoding times from uninitialised memory where x265 reorders them
@@ -97,7 +97,7 @@ class PictureFormat:
 
 
 def picture_format_for(
-    media: MediaInput, codec: av.Codec, options: EncodeOptions, size: tuple[int, int] | None
+    media: MediaInput, codec: av.Codec, options: EncodeOptions, output: Path, size: tuple[int, int] | None
 ) -> PictureFormat:
     """The picture format for an input; with a `size` the pictures are taken as shown, without rotation."""
     if size is not None or not isinstance(media, VideoInput):
@@ -105,7 +105,7 @@ def picture_format_for(
         fmt = encoder_format(codec, "yuv420p")
         return PictureFormat((width, height), encoded_size(options.encoder, fmt, width, height), fmt)
     look = media.first_picture
-    fmt = encoder_format(codec, look.format.name)
+    fmt = encoder_format(codec, look.format.name, formats_of(output))
     shape = (look.width, look.height)
     form = PictureFormat(
         shape, encoded_size(options.encoder, fmt, *shape), fmt, int(look.colorspace),
@@ -184,18 +184,23 @@ def encoding_for(
     options = replace(options, encoder=codec.name)  # "h264" finds libx264
     if options.follows_input:
         options = replace(options, crf=crf_like(media.quantiser if isinstance(media, VideoInput) else None))
-    form = picture_format_for(media, codec, options, size)
+    form = picture_format_for(media, codec, options, output, size)
     settings = encoder_settings(options, threads)
     if not captions and codec.name in _CAPTIONING:
         settings = settings | {"a53cc": "0"}
-    settings = merged(settings, _light_settings(media, codec.name, size))
+    if is_hdr(form.transfer) and is_pipe(output) and codec.name == "rawvideo":
+        media.problems.note(
+            f"Raw pictures say nothing of HDR: they are {_told(form)}, as what reads them must know."
+        )
+    else:
+        settings = merged(settings, _light_settings(media, codec.name, size))
     if codec.name == "libx265" and (media.frame_count or _X265_FRAMES) < _X265_FRAMES:
         settings = merged(settings, {"x265-params": "bframes=0"})
     interlaced = isinstance(media, VideoInput) and media.interlaced
     if interlaced and "x26" in codec.name:
         settings = {"flags": "+ildct+ilme", **settings}
     order = media.stream.codec_context.field_order if interlaced else None  # type: ignore[attr-defined]
-    _note_changes(media, form, codec.name, is_copy=size is None)
+    _note_changes(media, form, "y4m" if formats_of(output) else codec.name, is_copy=size is None)
     counts = is_pipe(output) and not holds_times(output)
     return Encoding(
         codec.canonical_name,
@@ -208,6 +213,11 @@ def encoding_for(
         threads,
         counts,
     )
+
+
+def _told(form: PictureFormat) -> str:
+    wide = " with the colours of BT.2020" if form.primaries == BT2020 else ""
+    return ("HLG" if form.transfer == HLG else "PQ") + wide
 
 
 def _note_changes(media: MediaInput, form: PictureFormat, encoder: str, *, is_copy: bool) -> None:

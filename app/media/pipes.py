@@ -13,6 +13,7 @@ from pathlib import Path
 
 from guise.app.media.encoder import AUTO, EncodeOptions
 from guise.app.media.errors import MediaError
+from guise.app.media.pixel_formats import NATIVE_FORMATS, has_alpha
 
 FORMATS = {"y4m": "yuv4mpegpipe", "rawvideo": "rawvideo", "nut": "nut"}  # as FFmpeg calls them
 _PREFIX = "pipe:"
@@ -71,6 +72,13 @@ def written_as(path: Path) -> tuple[str, dict[str, str]]:
 def holds_times(path: Path) -> bool:
     """Whether an output pipe holds the times of pictures; y4m and raw video have only a rate, or none."""
     return str(path) == _PREFIX + "nut"
+
+
+def formats_of(path: Path) -> list[str]:
+    """The native pixel formats that an output pipe holds; none where it holds all."""
+    if str(path) != _PREFIX + "y4m":
+        return []
+    return [name for name in NATIVE_FORMATS if name != "nv12" and not has_alpha(name)]
 
 
 def encoded_for(path: Path, options: EncodeOptions) -> EncodeOptions:
