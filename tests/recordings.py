@@ -29,18 +29,19 @@ def stay(time: Fraction) -> Fraction:
 def record(
     path: Path, start: Fraction | int = 0, frames: int = 24, *, pictures: Move = stay, sound: Move | None = stay,
     codecs: tuple[str, str] | None = None, options: dict[str, str] | None = None,
+    layout: str = "stereo",
 ) -> Path:  # fmt: skip
     """A recording of 64 x 48 pixels.
 
     start : time of the first picture and sample, seconds.   frames : pictures, beside as much sound.
     pictures, sound : what their times become; None for no sound.   codecs : of pictures and sound.
-    options : of the container.
+    options : of the container.   layout : of the sound's channels.
     """
     codec, other = codecs or _CODECS.get(path.suffix, ("libx264", "aac"))
     with av.open(str(path), "w", container_options=options or {}) as out:
         packets = _pictures(out, codec, [pictures(start + i * STEP) for i in range(frames)])
         if sound is not None:
-            audio = out.add_stream(other, SAMPLES, layout="stereo")
+            audio = out.add_stream(other, SAMPLES, layout=layout)
             audio.bit_rate = 128_000
             audio.codec_context.open()
             size = audio.codec_context.frame_size or 1024
@@ -69,9 +70,10 @@ def _pictures(out: av.container.OutputContainer, codec: str, times: list[Fractio
 def _sound(stream: av.AudioStream, times: list[Fraction], size: int) -> list[av.Packet]:
     packets = []
     for index, time in enumerate(times):
-        noise = np.random.default_rng(index).normal(0, 0.1, (2, size // 16 + 1)).astype(np.float32)
-        noise = np.repeat(noise, 16, axis=1)[:, :size].copy()
-        frame = av.AudioFrame.from_ndarray(noise, "fltp", "stereo")
+        channels = stream.codec_context.channels
+        noise = np.random.default_rng(index).normal(0, 0.1, (size // 16 + 1, channels)).astype(np.float32)
+        noise = np.repeat(noise, 16, axis=0)[:size].reshape(1, -1).copy()
+        frame = av.AudioFrame.from_ndarray(noise, "flt", stream.layout.name)
         frame.sample_rate, frame.pts, frame.time_base = SAMPLES, round(time * SAMPLES), Fraction(1, SAMPLES)
         packets += stream.encode(frame)
     return packets + stream.encode(None)

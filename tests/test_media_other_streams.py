@@ -131,6 +131,19 @@ def test_sound_that_is_encoded_anew_is_the_same_in_time(
     assert 0 <= lengths[1] - lengths[0] < 3 * 1024  # an encoder's first and last blocks
 
 
+@pytest.mark.parametrize("layout", ["mono", "5.1(side)", "7.1"])
+@pytest.mark.parametrize("suffix", [".flv", ".webm", ".ts", ".mp4"])
+def test_sound_of_many_channels_is_kept_as_it_is_or_in_a_codec_of_the_target(
+    tmp_path: Path, suffix: str, layout: str
+) -> None:
+    source = record(tmp_path / "in.mov", codecs=("libx264", "pcm_s16le"), layout=layout)
+    target, notes = copied(source, suffix)
+    with av.open(str(target)) as media:
+        assert media.streams.audio[0].channels == {"mono": 1, "5.1(side)": 6, "7.1": 8}[layout]
+        assert sum(block.samples for block in media.decode(audio=0)) == pytest.approx(48000, abs=3000)
+    assert len(notes) == (suffix != ".mp4")
+
+
 @pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv", ".ts"])
 @pytest.mark.parametrize("code", ["01:00:00:00", "10:59:59;29", "220:69:233;230", "no code"])
 def test_a_time_code_is_carried_where_it_is_one(tmp_path: Path, suffix: str, code: str) -> None:

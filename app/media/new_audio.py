@@ -28,8 +28,9 @@ from guise.common.arrays import F32
 
 FREQUENCY_FACTOR = Fraction(4, 5)
 _UNNAMED_LAYOUTS = {"1 channels": "mono", "2 channels": "stereo"}
-_CHANNEL_BIT_RATES = 64_000, 160_000  # the least, and the most where sound changes its codec
-_FALLBACK_SAMPLE_RATE = 48_000  # Hz, which every fallback codec takes
+_CHANNEL_BIT_RATES = 64_000, 160_000  # a channel's least, and its most where sound changes its codec
+_COMMON_RATE = 48_000  # Hz, which every fallback codec takes
+_LAYOUTS = {1: "mono", 2: "stereo", 3: "3.0", 4: "quad", 5: "5.0", 6: "5.1", 7: "6.1", 8: "7.1"}
 _MAX_GAP_SECONDS = 0.02  # between the input's time stamps; a longer gap is filled with silence
 
 
@@ -103,7 +104,7 @@ class NewAudio:
             ("aresample", str(self._rate)),
             ("atempo", f"{self._rate / low:.15g}"),
         ]
-        form = f"sample_fmts=fltp:sample_rates={self._rate}:channel_layouts={self._layout}"
+        form = f"sample_fmts=flt:sample_rates={self._rate}:channel_layouts={self._layout}"
         graph = Graph()
         source = graph.add_abuffer(
             sample_rate=frame.sample_rate,
@@ -135,7 +136,8 @@ class NewAudio:
             except (av.error.BlockingIOError, av.error.EOFError):
                 return
             assert isinstance(frame, AudioFrame)
-            samples = np.asarray(frame.to_ndarray(), np.float32)
+            # packed, as PyAV 18 miscounts the planes of eight channels
+            samples = np.asarray(frame.to_ndarray(), np.float32).reshape(frame.samples, -1).T
             yield from self._encode(samples if self._whisper is None else self._whisper(samples))
 
     def _encode(self, samples: F32) -> Iterator[AnyPacket]:
@@ -144,7 +146,8 @@ class NewAudio:
         samples = samples[:, : max(self._end - self._next, 0)]
         if samples.shape[1] == 0:
             return
-        frame = AudioFrame.from_ndarray(np.ascontiguousarray(samples), "fltp", self._layout)
+        packed = np.ascontiguousarray(samples.T).reshape(1, -1)
+        frame = AudioFrame.from_ndarray(packed, "flt", self._layout)
         frame.sample_rate, frame.time_base, frame.pts = self._rate, Fraction(1, self._rate), self._next
         self._next += samples.shape[1]
         yield from self.stream.encode(frame)
@@ -164,17 +167,17 @@ class NewAudio:
 def sound_encodings(audio: AudioStream, *, own: bool) -> Iterator[SoundEncoding]:
     """Encodings for a stream that work here, the best first: in its own codec if it may be that, then common ones."""
     layout, name = named_layout(audio.layout.name), audio.codec_context.codec.canonical_name
-    least, most = (rate * audio.channels for rate in _CHANNEL_BIT_RATES)
-    bit_rate = max(audio.bit_rate or 0, least)
+    least, most = _CHANNEL_BIT_RATES
+    bit_rate = max(audio.bit_rate or 0, least * audio.channels)
     if own and _opens(encoding := SoundEncoding(name, audio.rate, layout, bit_rate)):
         yield encoding
-    for name, rate in [
-        ("aac", audio.rate),
-        ("libopus", audio.rate),
-        ("libopus", _FALLBACK_SAMPLE_RATE),
-    ]:
-        encoding = SoundEncoding(name, rate, layout, min(bit_rate, most))
-        if _opens(encoding):
+    plain = _LAYOUTS.get(audio.channels, "stereo")  # one that every encoder takes
+    for name, rate, kind in [
+        ("aac", audio.rate, layout), ("libopus", audio.rate, layout), ("libopus", _COMMON_RATE, layout),
+        *((name, _COMMON_RATE, kind) for kind in (plain, "stereo") for name in ("aac", "libopus")),
+    ]:  # fmt: skip
+        enough = min(bit_rate, most * av.AudioLayout(kind).nb_channels)
+        if _opens(encoding := SoundEncoding(name, rate, kind, enough)):
             yield encoding
 
 

@@ -166,8 +166,10 @@ class StreamCopier:
         anew.stream.disposition = stream.disposition
         anew.stream.metadata.update(_metadata(stream, self._private))
         if voice == "keep":
+            mixed = "" if encoding.layout == named_layout(stream.layout.name) else f", {encoding.layout}"
             self._problems.note(
-                f"{_title(stream)} was encoded anew as {encoding.name}, as {self._output.format.name} cannot hold it."
+                f"{_title(stream)} was encoded anew as {encoding.name}{mixed}, "
+                f"as {self._output.format.name} cannot hold it."
             )
         return True
 
