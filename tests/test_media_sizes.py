@@ -54,7 +54,7 @@ def picture(width: int, height: int) -> av.VideoFrame:
     return av.VideoFrame.from_ndarray(np.stack([grey] * 3, axis=2), "rgb24")
 
 
-def joined_streams(path: Path, sizes: list[tuple[int, int]], frames: int = 6) -> None:
+def joined_streams(path: Path, sizes: list[tuple[int, int]], frames: int = 6, begins: int = 0) -> None:
     """Transport streams of several sizes, one behind the other on one clock."""
     data = b""
     for number, (width, height) in enumerate(sizes):
@@ -65,7 +65,7 @@ def joined_streams(path: Path, sizes: list[tuple[int, int]], frames: int = 6) ->
             stream.time_base = TICK
             for k in range(frames):
                 frame = picture(width, height)
-                frame.pts, frame.time_base = (number * frames + k) * 3000, TICK
+                frame.pts, frame.time_base = (begins + number * frames + k) * 3000, TICK
                 out.mux(stream.encode(frame))
             out.mux(stream.encode(None))
         data += path.read_bytes()
@@ -162,3 +162,17 @@ def test_an_input_that_changes_while_it_is_read_is_noted(tmp_path: Path, change:
             elif frame.index == 2 and change == "gone":
                 path.unlink()
         assert any("was changed or replaced" in note for note in media.problems) == (change != "none")
+
+
+def test_recordings_that_overlap_by_a_few_pictures_are_joined_with_one_note(tmp_path: Path) -> None:
+    """As a phone that is turned writes them: the second one's times begin before the first one's end."""
+    path = tmp_path / "a.ts"
+    joined_streams(path, [(160, 120)], 30)
+    first = path.read_bytes()
+    joined_streams(path, [(66, 120)], 30, begins=28)
+    path.write_bytes(first + path.read_bytes())
+    with open_input(path) as media:
+        found = [frame.pts for frame in media]
+        assert len(media.problems) == 1
+    assert len(found) == 60
+    assert set(np.diff(found)) == {3000}

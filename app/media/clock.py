@@ -60,6 +60,7 @@ class FileClock:
     steps : by stream index; the first starts at packet 0.
     jumps : where the clock of the pictures jumped, seconds after it was put right.
     start, end, pictures : of the pictures, seconds and number, where the file was read for it; otherwise 0.
+    small : number of jumps that nobody notices, of recordings that overlap by a few pictures.
     moved_by : how much later than the file's own it begins, seconds, see `moved`.
     """
 
@@ -69,6 +70,7 @@ class FileClock:
     end: Fraction = Fraction(0)
     pictures: int = 0
     moved_by: Fraction = Fraction(0)
+    small: int = 0
 
     def shift(self, index: int) -> Fraction:
         """What is added to the times of a stream's first packets, seconds."""
@@ -91,7 +93,7 @@ class FileClock:
 
     def note(self) -> str | None:
         """One sentence about the jumps, or None."""
-        if not self.jumps:
+        if len(self.jumps) == self.small:
             return None
         more = f" and {len(self.jumps) - 1} more" if len(self.jumps) > 1 else ""
         at = f"{float(self.jumps[0]):.2f} s{more}"
@@ -213,9 +215,13 @@ class _Run:
 
 
 class _Trace:
-    """The runs of one stream, while its packets are read."""
+    """The runs of one stream, while its packets are read.
 
-    def __init__(self, stream: Stream) -> None:
+    alone : whether there is no sound: times that overlap at a keyframe then can only be those of another recording.
+    """
+
+    def __init__(self, stream: Stream, *, alone: bool = False) -> None:
+        self._alone = alone
         self.unit = Fraction(stream.time_base or 1)
         self.runs: list[_Run] = []
         self.packets = 0
@@ -237,20 +243,21 @@ class _Trace:
     def feed(self, packet: Packet[Stream], traces: Mapping[int, _Trace]) -> None:
         """Take the next packet."""
         dts, pts = packet.dts, packet.pts
-        back = self._step_back(dts if dts is None or pts is None else min(dts, pts))
+        least = 0 if self._alone and packet.is_keyframe else self._back
+        back = self._step_back(dts if dts is None or pts is None else min(dts, pts), least)
         if pts is not None:
             self._place(pts, back, traces)
         self.packets += 1
 
-    def _step_back(self, dts: int | None) -> int:
-        """By how much the dts jumps back, below 0, or 0."""
+    def _step_back(self, dts: int | None, least: int) -> int:
+        """By how much the dts jumps back, below 0, or 0 for not more than `least`."""
         if dts is None:
             return 0
         last, self._dts = self._dts, dts
         step = 0 if last is None else dts - last
         if step > 0:
             self._steps[step] += 1
-        return step if step < -self._back else 0
+        return step if step < -least else 0
 
     def _place(self, pts: int, back: int, traces: Mapping[int, _Trace]) -> None:
         """Add a pts to the last run, to the one before, or to a new one."""
@@ -264,7 +271,7 @@ class _Trace:
 
     def _step_ahead(self, run: _Run) -> int:
         """What counts as a jump ahead; soon after one back, also what undoes it."""
-        if run.step >= 0 or self.packets - run.start > LIMITS.most_strays:
+        if run.step >= -self._back or self.packets - run.start > LIMITS.most_strays:
             return self._ahead
         return min(self._ahead, max(-run.step * 3 // 4, self._back))
 
@@ -281,7 +288,8 @@ def _scanned(path: str, size: int, changed: int, video: int, early: Fraction) ->
     """
     with av.open(path, metadata_errors="surrogateescape") as container:
         kinds = set(container.format.name.split(","))
-        traces = {stream.index: _Trace(stream) for stream in container.streams}
+        alone = not container.streams.audio
+        traces = {stream.index: _Trace(stream, alone=alone) for stream in container.streams}
         for packet in _packets(container):
             traces[packet.stream_index].feed(packet, traces)
         sounds = {s.index: traces[s.index] for s in container.streams.audio if traces[s.index].packets}
@@ -318,7 +326,7 @@ class _Joined:
 
     def clock(self) -> FileClock:
         """The clock that joins all runs."""
-        runs, jumps = self._video.runs, []
+        runs, jumps, small = self._video.runs, [], 0
         for before, run in pairwise(runs):
             if (followers := self._followers(before, run)) is not None:
                 added = self._added(before, run, followers)
@@ -326,10 +334,12 @@ class _Joined:
                 for index, (start, sound) in followers.items():
                     self._steps[index].append(ClockChange(start, added, sound.since if sound else None))
                 jumps.append(run.first + added)
+                small += -LIMITS.max_step_back <= run.jump < 0
         own = self._steps[self._index]
         return FileClock(
             {index: tuple(steps) for index, steps in self._steps.items()}, tuple(jumps),
             runs[0].first + own[0].added, runs[-1].last + self._video.step + own[-1].added, self._video.packets,
+            small=small,
         )  # fmt: skip
 
     def _followers(self, before: _Run, run: _Run) -> dict[int, tuple[int, _Run | None]] | None:
