@@ -208,7 +208,13 @@ def test_outside_a_part_frames_are_kept_bit_by_bit_or_cut(
     assert [bool((a != b).any()) for a, b in zip(before, after, strict=True)] == [False] * 4 + [True] * 4 + [
         False
     ] * 4
-    cut_off = swap_file(clip, p06, tmp_path / "cut.mp4", source=p01, settings=replace(part, outside="cut"))
+    cut_off = swap_file(
+        clip,
+        p06,
+        tmp_path / "cut.mp4",
+        source=p01,
+        settings=replace(part, part=replace(part.part, cuts=True)),
+    )
     assert (cut_off.frames, cut_off.swapped, cut_off.untouched) == (4, 4, 0)
     assert len(list(pictures(tmp_path / "cut.mp4"))) == 4
     late = replace(LOSSLESS, part=TimeRange(Fraction(9)))

@@ -100,8 +100,7 @@ def swap(
             settings,
             unsure=unsure,
             keep_people=not no_keep,
-            part=TimeRange.between(from_, to),
-            outside=outside,
+            part=TimeRange.between(from_, to, outside),
             rest_seconds=rest,
             graded=console.json or not console.quiet,
             hwaccel=hwaccel,
@@ -215,9 +214,7 @@ def puppet(
     look = look_of(drawing, SWAP)
     with Stages(console) as stages:
         settings = _settings(console, stages, look, encoding, detector, force)
-        settings = replace(
-            settings, keep_people=not no_keep, part=TimeRange.between(from_, to), outside=outside
-        )
+        settings = replace(settings, keep_people=not no_keep, part=TimeRange.between(from_, to, outside))
         shown, person = _open(identity, source, landmarks, landmarker)
         video, output = _places(video, output, pipe, raw, console)
         report = puppet_file(video, shown, output, source=person, settings=settings)

@@ -6,6 +6,7 @@ Pictures come as `Frame`s in display orientation with integer time stamps.  Ever
 from __future__ import annotations
 
 import math
+import re
 import stat
 from collections.abc import Callable, Collection, Iterable, Iterator
 from fractions import Fraction
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 
 Kind = Literal["video", "image", "images"]
 IMAGES_PER_SECOND = Fraction(30)
+_ADDRESS = re.compile(r"[a-z][a-z0-9+.-]+:/[^/]")  # a path has lost a slash of it
 _MAX_FRAME_RATE = 500  # frames per second; a higher rate is that of the container's clock
 _UNUSED_ALPHA = frozenset({"gif", "png", "apng", "webp"})  # decoders that give it also where all is opaque
 _RATE_PACKETS = 64  # from which a frame rate is measured
@@ -423,7 +425,7 @@ class AnimationInput(MediaInput):
         self.pictures = Pictures(path, kind, self.problems)
         first = next(iter(self), None)
         if first is None:
-            if self._part != TimeRange():
+            if part is not None:
                 raise MediaError(f"{path} shows no picture {self._part.told()}.")
             raise MediaError(f"{path} is damaged: none of its pictures can be read.")
         self.width, self.height = first.width, first.height
@@ -469,6 +471,10 @@ def open_input(
                     "A pipe cannot be cut: leave out --outside cut, or write it to a file first."
                 )
             return VideoInput(path, hwaccel)
+        if not path.exists() and _ADDRESS.match(str(path)):
+            raise MediaError(
+                f"{path} is an address, which this command does not fetch: download the file first."
+            )
         if not path.exists():
             raise MediaError(f"{path} does not exist: give a video file, an image or a folder of images.")
         kind = "image" if path.is_dir() else kind_of(path)

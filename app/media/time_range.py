@@ -19,10 +19,14 @@ _CLOCK = re.compile(r"(?:(?:(\d+):)?(\d+):)?(\d+(?:\.\d*)?|\.\d+)")
 
 @dataclass(frozen=True)
 class TimeRange:
-    """The frames [start, end) of a video, seconds after its first frame; end None is the end of the video."""
+    """The frames [start, end) of a video, seconds after its first frame; end None is the end of the video.
+
+    cuts : whether the rest is cut off, or else kept as it is.
+    """
 
     start: Fraction = Fraction(0)
     end: Fraction | None = None
+    cuts: bool = False
 
     def __post_init__(self) -> None:
         if self.end is not None and self.end <= self.start:
@@ -31,15 +35,15 @@ class TimeRange:
             )
 
     @classmethod
-    def between(cls, start: str | None, end: str | None) -> TimeRange | None:
+    def between(cls, start: str | None, end: str | None, outside: Outside = "keep") -> TimeRange | None:
         """The part between two times as `time_of` reads them; None for the whole.
 
         >>> TimeRange.between("1:30", None)
-        TimeRange(start=Fraction(90, 1), end=None)
+        TimeRange(start=Fraction(90, 1), end=None, cuts=False)
         """
         if start is None and end is None:
             return None
-        return cls(time_of(start or "0"), None if end is None else time_of(end))
+        return cls(time_of(start or "0"), None if end is None else time_of(end), outside == "cut")
 
     def holds(self, seconds: Fraction) -> bool:
         """Whether a frame that begins so many seconds after the first one is within."""

@@ -13,7 +13,7 @@ from guise.app.drawing.look import SWAP, Look
 from guise.app.drawing.passes.place import OUTLINE_WARP
 from guise.app.media import EncodeOptions, MediaInput, ProcessStats
 from guise.app.media.hardware import HardwareDecoder
-from guise.app.media.time_range import Outside, TimeRange
+from guise.app.media.time_range import TimeRange
 from guise.app.swapping.policy import LIMITS, Unsure
 from guise.common.errors import GuiseError
 from guise.common.progress import Progress, Say, mute, silent
@@ -36,7 +36,7 @@ class SwapSettings:
     unsure : what is done to frames in which the person's face is lost but may be visible: "cover" it, "hold" the last
         face for a second, or "leave" the frame as it is.
     keep_people : use the model of the video's person that an earlier run has kept, and keep a new one.
-    part, outside : what of the video is swapped, None for all, and whether the rest is kept as it is or cut off.
+    part : what of the video is swapped, None for all; the rest is kept as it is or cut off.
     rest_seconds : after the first frame, at which the person in the video is at rest; None finds out.
     graded : say in the report how good the swap looks, which takes as long as some ten frames.
     force : replace an existing output.
@@ -51,7 +51,6 @@ class SwapSettings:
     unsure: Unsure = "cover"
     keep_people: bool = False
     part: TimeRange | None = None
-    outside: Outside = "keep"
     rest_seconds: float | None = None
     graded: bool = True
     force: bool = False
@@ -61,12 +60,12 @@ class SwapSettings:
     @property
     def read(self) -> TimeRange | None:
         """The part of the video that is read, as the rest is cut off; None for all."""
-        return self.part if self.outside == "cut" else None
+        return self.part if self.part is not None and self.part.cuts else None
 
     @property
     def drawn(self) -> TimeRange | None:
         """The part of what is read that is drawn on; None for all."""
-        return self.part if self.outside == "keep" else None
+        return None if self.part is not None and self.part.cuts else self.part
 
     def drawn_look(self) -> Look:
         """How faces are drawn, with the time for which a lost one is held."""
@@ -101,8 +100,15 @@ class FileTimes:
     encoder_idle_share: float
 
 
+@dataclass(frozen=True, kw_only=True)
+class UntouchedFrames:
+    """How many frames lie outside the part that was asked for, and are as in the input."""
+
+    untouched: int = 0
+
+
 @dataclass(frozen=True)
-class SwapReport:
+class SwapReport(UntouchedFrames):
     """What was done to a file.
 
     Parameters
@@ -110,7 +116,6 @@ class SwapReport:
     output : the file that was written.
     swapped, held, covered, lost : frames that show the new face where the face is, or where it was last seen, in which
         a face that could not be swapped was covered, and in which no face was found.
-    untouched : frames outside the part that was asked for, which are as in the input.
     times : how long it took.
     renderer : what drew the face.
     faces : largest number of faces seen in one frame.
@@ -131,7 +136,6 @@ class SwapReport:
     problems: tuple[str, ...]
     grade: int | None = None
     advice: str = ""
-    untouched: int = 0
 
     @property
     def frames(self) -> int:
