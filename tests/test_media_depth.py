@@ -19,7 +19,7 @@ from guise.app.drawing.look import SWAP
 from guise.app.media import EncodeOptions, Frame, open_input, open_sink
 from guise.app.media.colour import BT709, LIMITED, yuv_matrix
 from guise.app.media.deep_frame import DeepFrame, frame_of
-from guise.app.media.encoder import chosen_encoder, encoder_settings
+from guise.app.media.encoder import AUTO, chosen_encoder, encoder_settings
 from guise.app.media.encoding import encoding_for
 from guise.app.media.frame import plane_arrays
 from guise.app.media.hdr import light_levels
@@ -28,6 +28,7 @@ from guise.app.media.packets import PacketSink, assemble, read_packets
 from guise.app.media.pipes import encoded_for, output_pipe
 from guise.app.media.pixel_formats import DEEP_FORMATS, NATIVE_FORMATS, depth, least_loss, nearest_format
 from guise.app.media.rendition import HLG, PQ, WHITE_NITS, rendition_of
+from guise.app.media.stream_copies import suffix_for
 from guise.app.swapping.cover import cover
 from guise.app.swapping.file import swap_file
 from guise.app.swapping.report import SwapSettings
@@ -513,6 +514,14 @@ def test_pipes_keep_what_they_hold_and_say_what_they_do_not(
 @pytest.mark.parametrize("fmt", ["yuv420p", "yuv420p10le", "yuva420p", "yuva444p10le"])
 def test_whatever_is_chosen_can_be_lossless(suffix: str, fmt: str) -> None:
     encoder_settings(EncodeOptions(chosen_encoder(suffix, fmt, lossless=True), lossless=True))
+
+
+def test_an_output_without_a_name_keeps_the_container_that_keeps_alpha(tmp_path: Path) -> None:
+    webm = make(tmp_path / "a.webm", "libvpx-vp9", "yuva420p", 2)
+    plain = make(tmp_path / "b.webm", "libvpx-vp9", "yuv420p", 2)
+    mov = make(tmp_path / "c.mov", "prores_ks", "yuva444p10le", 2)
+    assert [suffix_for(path, AUTO) for path in (webm, plain, mov)] == [".webm", ".mp4", ".mov"]
+    assert suffix_for(webm, "libx264") == ".mp4"
 
 
 def test_formats_are_chosen_by_what_they_keep() -> None:

@@ -30,7 +30,7 @@ from guise.app.media.encoder import find_codec
 from guise.app.media.errors import MediaError, reason
 from guise.app.media.letterbox import fitting_box, pasted
 from guise.app.media.pipes import UNREADABLE, is_pipe, opened_as
-from guise.app.media.pixel_formats import NATIVE_FORMATS, depth, nearest_format
+from guise.app.media.pixel_formats import NATIVE_FORMATS, depth, has_alpha, nearest_format
 from guise.common.closing import Closing
 
 AnyPacket: TypeAlias = "Packet[av.stream.Stream]"
@@ -138,12 +138,17 @@ def main_video(container: InputContainer, path: Path) -> VideoStream:
 def _alpha_decoder(stream: VideoStream) -> VideoCodecContext | None:
     """A decoder for VP8 or VP9 with alpha, which FFmpeg's own leave out; None for other streams."""
     name = ALPHA_DECODERS.get(stream.codec_context.name)
-    if stream.metadata.get("alpha_mode") != "1" or name is None or find_codec(name, "r") is None:
+    if not shows_alpha(stream) or name is None or find_codec(name, "r") is None:
         return None
     known, context = stream.codec_context, av.CodecContext.create(name, "r")
     assert isinstance(context, VideoCodecContext)
     context.color_primaries, context.color_trc = known.color_primaries, known.color_trc
     return context
+
+
+def shows_alpha(stream: VideoStream) -> bool:
+    """Whether a stream says that its pictures have alpha, as a plane or, in VP8 and VP9, beside them."""
+    return stream.metadata.get("alpha_mode") == "1" or has_alpha(stream.codec_context.pix_fmt or "")
 
 
 def is_still(stream: VideoStream) -> bool:

@@ -16,11 +16,12 @@ from av.audio.stream import AudioStream
 from av.container import OutputContainer
 from av.stream import Stream
 
-from guise.app.media.encoder import AUTO
+from guise.app.media.encoder import AUTO, chosen_encoder
 from guise.app.media.errors import MediaError
 from guise.app.media.input import MediaInput, VideoInput
 from guise.app.media.new_audio import NewAudio, Voice, named_layout, sound_encodings
-from guise.app.media.reader import AnyPacket, is_still, open_container
+from guise.app.media.pixel_formats import has_alpha
+from guise.app.media.reader import AnyPacket, is_still, main_video, open_container, shows_alpha
 from guise.app.media.trial import UNKNOWN, SoundEncoding, Trial, codec_name
 
 Audio = Literal["keep", "drop", "mask", "disguise"]
@@ -284,7 +285,7 @@ def can_hold(suffix: str, copied: Sequence[Stream], encoder: str = "") -> bool:
     try:
         with av.open(f"probe{suffix}", "w") as container:  # opens no file until its header is written
             if encoder:
-                container.add_stream("libx264" if encoder == AUTO else encoder, 25)
+                container.add_stream(encoder, 25)
             name = container.format.name
     except (ValueError, av.error.FFmpegError):
         return False
@@ -295,12 +296,17 @@ def can_hold(suffix: str, copied: Sequence[Stream], encoder: str = "") -> bool:
 def suffix_for(path: Path, encoder: str) -> str:
     """The suffix of an output: the input's own where that can hold the result, otherwise .mp4, otherwise .mkv.
 
-    The result is the encoder's video with the input's time stamps, audio and subtitles.
+    The result is the encoder's video with the input's time stamps, audio and subtitles; with the automatic one, alpha
+    stays in .webm and .mov.
     """
     with contextlib.ExitStack() as stack:
-        copied = []
+        copied, fmt = [], "yuv420p"
         with contextlib.suppress(MediaError):  # an input that cannot be read, which is reported elsewhere
             media = stack.enter_context(open_container(path))
             copied = [s for s in media.streams if s.type in ("audio", "subtitle") and s.codec_context]
-        fitting = (s for s in (path.suffix, _FALLBACKS[0]) if s and can_hold(s, copied, encoder))
-        return next(fitting, _FALLBACKS[1])
+            fmt = "yuva420p" if shows_alpha(main_video(media, path)) else fmt
+        for suffix in filter(None, (path.suffix, _FALLBACKS[0])):
+            auto = chosen_encoder(suffix, fmt) if has_alpha(fmt) else "libx264"
+            if can_hold(suffix, copied, auto if encoder == AUTO else encoder):
+                return suffix
+        return _FALLBACKS[1]
