@@ -110,6 +110,38 @@ def test_wide_and_hdr_colours_are_told_on(suffix: str, code_points: tuple[int, i
     assert _read(encode_deep(image, suffix, {}), Path("unused.heic")).code_points == code_points
 
 
+@pytest.mark.parametrize("transfer", [16, 18])
+@pytest.mark.parametrize("suffix", [".heic", ".avif", ".png"])
+def test_an_hdr_photo_is_shown_as_sdr_and_stays_hdr(tmp_path: Path, suffix: str, transfer: int) -> None:
+    levels = (smooth(48, 64, np.uint16) // 2 + 8000).astype(np.uint16)
+    image = DeepImage(levels, depth=10, code_points=(9, transfer))
+    (tmp_path / f"a{suffix}").write_bytes(encode_deep(image, suffix, {}))
+    with open_input(tmp_path / f"a{suffix}") as source, open_sink(tmp_path / f"b{suffix}", source) as sink:
+        frame = next(iter(source))
+        before = read_deep(tmp_path / f"a{suffix}")
+        assert apart(frame.rgb(), before.rgb8()) == 0
+        assert (
+            apart(before.rgb8().astype(np.uint16) * 257, before.pixels) > 5
+        )  # PQ and HLG are flat as they are
+        face = frame.rgb()[10:30, 10:30]
+        frame.write_roi(10, 10, np.ascontiguousarray(np.full_like(face, 150)))
+        sink.write(frame)
+    after = read_deep(tmp_path / f"b{suffix}")
+    assert after.code_points == (9, transfer)
+    assert apart(after.pixels[32:], before.pixels[32:]) < 2
+    assert np.abs(after.rgb8()[14:26, 14:26].astype(int) - 150).mean() < 6
+
+
+def test_what_an_image_does_not_keep_is_said(tmp_path: Path) -> None:
+    rgba = np.dstack([smooth(40, 48, np.uint16), smooth(40, 48, np.uint16, seed=1)[..., 0]])
+    assert cv2.imwrite(str(tmp_path / "a.png"), rgba)
+    with open_input(tmp_path / "a.png") as source, open_sink(tmp_path / "b.jpg", source) as sink:
+        sink.write(next(iter(source)))
+        assert source.problems[-1] == (
+            "b.jpg does not keep transparency and 16 bits per component: a .png file does."
+        )
+
+
 def test_heif_files_are_what_other_readers_take_them_for(tmp_path: Path) -> None:
     image = smooth(61, 83)
     cover = smooth(61, 83, seed=1)[..., 0]

@@ -23,10 +23,12 @@ from numpy.typing import NDArray
 
 from guise.app.media import ifd
 from guise.app.media.boxes import box, boxes, find
+from guise.app.media.colour import gbr_matrix
 from guise.app.media.errors import MediaError
 from guise.app.media.file_kind import IMAGE_SUFFIXES, format_of, has_image_name, kind_of
 from guise.app.media.heif import HeifPicture, read_heif
 from guise.app.media.orientation import AS_STORED, Orientation
+from guise.app.media.rendition import Rendition, is_hdr, rendition_of
 from guise.common.files import natural_key
 
 __all__ = [
@@ -55,6 +57,7 @@ _DEPTHS = {
     "heic": 10,
     "avif": 10,
 }  # most bits, where more than 8
+_TELLING = frozenset({"png", "heic", "avif"})  # that say which primaries and transfer they have
 _WITHOUT_PROFILE = frozenset({"bmp", "j2k"})
 _LOSSY = frozenset({"jpeg", "heic", "avif"})
 _PLAIN = frozenset({0, 1, 2, 3, 6})  # photometric interpretations of TIFF that are grey or RGB, or become RGB
@@ -66,6 +69,7 @@ _SETTINGS = {
     "j2k": (cv2.IMWRITE_JPEG2000_COMPRESSION_X1000, 1000),
 }
 _PROFILE_SEGMENT_BYTES = 65_519  # of a profile in one JPEG segment
+_PNG_HEAD = 4096  # bytes in which its colours are told
 _PNG_HEADER = 8 + 25  # signature and IHDR chunk
 XMP_BOX = bytes.fromhex("be7acfcb97a942e89c71999491e3afac")  # the identifier of a box with XMP (XMP, part 3)
 
@@ -76,6 +80,8 @@ _XMP = (
     "Iptc4xmpExt:DigitalSourceType={kind}><dc:description><rdf:Alt><rdf:li xml:lang='x-default'>{description}"
     '</rdf:li></rdf:Alt></dc:description></rdf:Description></rdf:RDF></x:xmpmeta><?xpacket end="r"?>'
 )
+
+_GBR, _RGB = [1, 2, 0], [2, 0, 1]  # from RGB, and back
 
 Image = NDArray[np.uint8]
 Deep = NDArray[np.uint8] | NDArray[np.uint16]
@@ -124,8 +130,18 @@ class DeepImage:
         """Bits of a component."""
         return 8 * self.pixels.dtype.itemsize
 
+    @property
+    def look(self) -> Rendition | None:
+        """How HDR is shown with 8 bits, and back; None where it is not HDR."""
+        primaries, transfer = self.code_points or (1, 1)
+        hdr = self.pixels.ndim == 3 and self.bits == 16 and is_hdr(transfer)
+        return rendition_of(gbr_matrix(), transfer, primaries) if hdr else None
+
     def rgb8(self) -> Image:
-        """A copy as RGB (h, w, 3) uint8."""
+        """A copy as RGB (h, w, 3) uint8; of HDR what SDR would show."""
+        if (look := self.look) is not None:
+            gbr = look.shown(self.pixels[..., _GBR].astype(np.float32) / np.float32(257))
+            return np.asarray(np.rint(np.clip(gbr, 0, 255))[..., _RGB], np.uint8)
         shallow = eight_bits(self.pixels)
         return np.repeat(shallow[..., None], 3, axis=2) if shallow.ndim == 2 else shallow.copy()
 
@@ -159,6 +175,8 @@ def read_deep(path: Path, note: Note = _ignored) -> DeepImage:
         image = _by_pillow(path, data, note)
     elif form == "jpeg" and _is_damaged(data):
         note(f"{path.name} is damaged: parts of it may be wrong.")
+    if form == "png" and (at := data.find(b"\0\0\0\4cICP", 0, _PNG_HEAD)) > 0:
+        image = replace(image, code_points=(data[at + 8], data[at + 9]))
     return image
 
 
@@ -304,7 +322,10 @@ def changed(image: DeepImage, rgb: Image) -> DeepImage:
             colours: Any = np.repeat(pixels[..., None], 3, axis=2)
             return changed(replace(image, pixels=colours, profile=None), rgb)
         rgb = rgb[..., 0]
-    values = rgb if image.bits == 8 else rgb.astype(np.uint16) * np.uint16(257)
+    values: Any = rgb if image.bits == 8 else rgb.astype(np.uint16) * np.uint16(257)
+    if (look := image.look) is not None:
+        gbr = look.stored(rgb[..., _GBR].astype(np.float32))
+        values = np.rint(np.clip(gbr, 0, 255)[..., _RGB] * np.float32(257)).astype(np.uint16)
     mask = other if pixels.ndim == 2 else other[..., None]
     return replace(image, pixels=np.where(mask, values, pixels))
 
@@ -322,6 +343,7 @@ def lost_in(suffix: str, image: DeepImage) -> list[str]:
     lost = ["transparency"] if image.alpha is not None and form == "jpeg" else []
     depth = image.depth or image.bits
     lost += [f"{depth} bits per component"] if depth > _DEPTHS.get(form, 8) else []
+    lost += ["HDR"] if image.look is not None and form not in _TELLING else []
     return lost + (["colour profile"] if image.profile and form in _WITHOUT_PROFILE else [])
 
 
@@ -333,6 +355,8 @@ def encode_image(rgb: Image, alpha: Image | None, suffix: str, tags: Mapping[str
 def encode_deep(image: DeepImage, suffix: str, tags: Mapping[str, str]) -> bytes:
     """The bytes of an image file, with everything that its format can keep (see `lost_in`)."""
     form = _FORMS[suffix.lower()]
+    if image.look is not None and form not in _TELLING:
+        image = replace(image, pixels=image.rgb8(), depth=None, code_points=None)
     image = image if form in _DEPTHS else _shallow(image)
     if form in ("heic", "avif"):
         return _heif(image, form, tags)
@@ -382,6 +406,9 @@ def _with_metadata(data: bytes, form: str, image: DeepImage, tags: Mapping[str, 
     if form in ("jp2", "j2k"):
         return _jp2_with(data, image.profile, tags) if form == "jp2" else find(data, b"jp2c") or b""
     whole = with_tags(data, form, tags)
+    if form == "png" and image.code_points not in (None, (1, 13)):
+        told = bytes([*(image.code_points or ()), 0, 1])  # cICP: RGB, full range (PNG 3, 11.3.2.6)
+        whole = whole[:_PNG_HEADER] + _png_chunk(b"cICP" + told) + whole[_PNG_HEADER:]
     return _jpeg_with(whole, _jpeg_profile(image.profile or b"")) if form == "jpeg" else whole
 
 
@@ -477,7 +504,11 @@ def _jpeg_profile(profile: bytes) -> bytes:
 
 def _png_text(key: str, value: str) -> bytes:
     """One iTXt chunk: a keyword of at most 79 Latin-1 bytes, then UTF-8 text (PNG 3, 11.3.3.4)."""
-    body = b"iTXt" + key.encode("latin-1", "replace")[:79] + b"\0\0\0\0\0" + value.encode()
+    return _png_chunk(b"iTXt" + key.encode("latin-1", "replace")[:79] + b"\0\0\0\0\0" + value.encode())
+
+
+def _png_chunk(body: bytes) -> bytes:
+    """A chunk of a name and what it holds."""
     return struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
 
 

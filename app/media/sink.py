@@ -25,7 +25,16 @@ from guise.app.media.encoding import Encoding, encoding_for
 from guise.app.media.errors import MediaError, reason
 from guise.app.media.file_kind import READ_ONLY_SUFFIXES, has_image_name
 from guise.app.media.frame import Frame
-from guise.app.media.images import PAGES, DeepImage, can_write, changed, encode_deep, encode_pages, lossy_form
+from guise.app.media.images import (
+    PAGES,
+    DeepImage,
+    can_write,
+    changed,
+    encode_deep,
+    encode_pages,
+    lossy_form,
+    lost_in,
+)
 from guise.app.media.input import AnimationInput, ImageInput, MediaInput, VideoInput, VideoPart
 from guise.app.media.pictures import letterboxed
 from guise.app.media.pipes import is_pipe, written_as
@@ -246,17 +255,20 @@ def later_time(frame: Frame, last: Fraction | None) -> Fraction:
 
 
 class ImageSink(Sink):
-    """One image file."""
+    """One image file.   note : told what it does not keep of the input."""
 
-    def __init__(self, path: Path, *, force: bool = False, tags: Mapping[str, str] = _NO_TAGS) -> None:
+    def __init__(
+        self, path: Path, *, force: bool = False, tags: Mapping[str, str] = _NO_TAGS,
+        note: Callable[[str], None] = lambda sentence: None,
+    ) -> None:  # fmt: skip
         super().__init__(path, force=force)
-        self._tags = dict(tags)
+        self._tags, self._note = dict(tags), note
         self.claim()
 
     def write(self, frame: Frame) -> None:
         if self.frames:
             raise MediaError(f"{self.path} holds one image but more came: write to a folder or a video.")
-        data = _encoded(frame, self.path.suffix, self._tags)
+        data = _encoded(frame, self.path.name, self._tags, self._note)
         with as_media_error(self.path):
             self.part.write_bytes(data)
         self.frames = 1
@@ -285,7 +297,7 @@ class FolderSink(Sink):
         if not can_write(Path(name).suffix):
             self._note(f"{name} was written as .png, because {Path(name).suffix or name} cannot be written.")
             name = f"{name}.png"
-        data = _encoded(frame, Path(name).suffix, self._tags)
+        data = _encoded(frame, name, self._tags, self._note)
         with as_media_error(self.path):
             (self.part / name).write_bytes(data)
         self.frames += 1
@@ -414,7 +426,7 @@ def open_sink(
         return PagesSink(path, force=force, tags=tags)
     if has_image_name(path) and not path.is_dir():
         _check_image(path, media, options)
-        return ImageSink(path, force=force, tags=tags)
+        return ImageSink(path, force=force, tags=tags, note=media.problems.note)
     if path.suffix.lower() in READ_ONLY_SUFFIXES:
         raise MediaError(
             f"{path.name} is a picture that Guise reads but does not write: use .png, .jpg or .webp."
@@ -471,9 +483,12 @@ def _check_images(media: MediaInput, options: EncodeOptions) -> None:
         )
 
 
-def _encoded(frame: Frame, suffix: str, tags: Mapping[str, str]) -> bytes:
+def _encoded(frame: Frame, name: str, tags: Mapping[str, str], note: Callable[[str], None]) -> bytes:
     """The bytes of an image file that shows a frame, with what its own image file had, where nothing was drawn."""
-    return encode_deep(_drawn(frame), suffix, tags)
+    image, suffix = _drawn(frame), Path(name).suffix
+    if lost := lost_in(suffix, image):
+        note(f"{name} does not keep {' and '.join(lost)}: a .png file does.")
+    return encode_deep(image, suffix, tags)
 
 
 def _drawn(frame: Frame) -> DeepImage:
