@@ -67,6 +67,14 @@ def test_what_was_joined_goes_on_steadily(tmp_path: Path, suffix: str, starts: t
     assert float(apart[0]) == pytest.approx(float(apart[1]), abs=0.02)
 
 
+def test_streams_that_begin_too_late_to_be_known_are_named(tmp_path: Path) -> None:
+    other = record(tmp_path / "b.ts", options={"mpegts_start_pid": "600"})
+    source = join(tmp_path / "joined.ts", record(tmp_path / "a.ts"), other)
+    target, notes = copied(source)
+    assert len(times(target)[0]) == 24
+    assert [note.split(" (")[0] for note in notes] == ["Video stream 2", "Audio stream 3"]
+
+
 @pytest.mark.parametrize("suffix", [".ts", ".flv", ".mkv", ".mp4"])
 @pytest.mark.parametrize("seconds", [12, 400])
 def test_a_gap_in_all_streams_is_closed_where_clocks_may_jump(

@@ -222,6 +222,8 @@ def _why_dropped(stream: Stream, media: VideoInput, private: bool) -> str | None
         return "a cover may show the face" if is_still(stream) else "only the first video is processed"
     if private and stream.type == "subtitle":
         return "{they} may name people or, as in drones' videos, places"
+    if isinstance(stream, AudioStream) and stream.codec_context is not None and not stream.channels:
+        return "{its} format is unknown"  # it begins too late to be seen
     if stream.type in ("audio", "subtitle"):
         return None
     if stream.name == "bin_data" and media.container.chapters():
