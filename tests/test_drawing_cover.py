@@ -23,6 +23,7 @@ from guise.aam.landmarks.schemes import (
     CHIN,
     HAIRLINE,
     LEFT_EYE,
+    LOWER_LIP_BOTTOM,
     NOSE,
     NOSE_ROOT,
     NOSE_TIP,
@@ -242,3 +243,22 @@ def test_what_is_taken_for_an_object_once_is_none(p01: Identity, monkeypatch: py
         left = watch(BLACK, shape)
         hidden.append(left is not None and bool(left[between_eyes(watch)] < 0.1))
     assert hidden == [False, False, True]
+
+
+@pytest.mark.parametrize(
+    ("first", "bearded", "stays"), [(50, True, False), (50, False, True), (0, True, True)]
+)
+def test_what_lies_in_the_persons_beard_is_no_object(
+    p01: Identity, monkeypatch: pytest.MonkeyPatch, first: int, *, bearded: bool, stays: bool
+) -> None:
+    """But what reaches far beyond it is, a hand before the chin say."""
+    reference = p01.reference
+    scale = 50 / reference.resolution  # the chin lies on row 60
+    beard = np.zeros(reference.size, np.float32)
+    beard[round(49 / scale) :] = 1
+    watch = Watch(p01, watches_eyes=False, beard=beard if bearded else None)
+    parsing = fake_parsing(FaceClass.OCCLUDER, slice(22, 32), slice(first, 64))
+    monkeypatch.setattr(cover, "parse_frame", lambda *_: parsing)
+    left = watch(BLACK, reference.points * scale)
+    x, y = np.round((reference.points[CHIN] + reference.points[LOWER_LIP_BOTTOM]) / 2).astype(int)
+    assert (left is not None and bool(left[y, x] < 0.1)) == stays

@@ -147,6 +147,7 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
         person.estimator.sampler,
         only_objects=look.in_front == "objects",
         watches_eyes=bool(own_eyes),
+        beard=own_beard,
     )
     beyond = outward(reference, look.jaw, look.forehead) + _over_beard(
         np.minimum(own_beard, beards), look, reference

@@ -120,17 +120,18 @@ class Cover:
     beyond : (h, w) share in [0, 1] by which what is drawn lies beyond the person's own face: no background there is
         drawn over.
     watches_eyes : whether a frame in which the eyes move is parsed.
+    beard : (h, w) share in [0, 1] of the person's own, which is easily taken for an object.
     """
 
     def __init__(
         self, reference: ReferenceFrame, texels: MeshSampler, *, only_objects: bool = False,
-        beyond: F32 | None = None, watches_eyes: bool = True,
+        beyond: F32 | None = None, watches_eyes: bool = True, beard: F32 | None = None,
     ) -> None:  # fmt: skip
         self._reference = reference
         self._only_objects = only_objects
         self._kinds = SURE_KINDS if only_objects else KINDS
         self._parser = FaceParser()
-        self._cells = _Cells(reference, beyond)
+        self._cells = _Cells(reference, beyond, beard)
         x, y = np.round(texels.positions(reference.points)).astype(int).T
         in_eyes = (np.flatnonzero(soft_parts(reference, (eye,), 0.0)[y, x] > 0.5) for eye in EYES)
         self._in_eyes = [some for some in in_eyes if watches_eyes and len(some)]
@@ -268,7 +269,7 @@ class DonorGlasses:
 class _Cells:
     """Places of the drawn face at which it is told what is in front: cells of a coarse grid."""
 
-    def __init__(self, reference: ReferenceFrame, beyond: F32 | None) -> None:
+    def __init__(self, reference: ReferenceFrame, beyond: F32 | None, beard: F32 | None) -> None:
         self._reference, self._grid = reference, CoarseGrid(reference, CELL)
         height, width = self._grid.size
         cells = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).reshape(-1, 2)
@@ -279,6 +280,7 @@ class _Cells:
         self.beyond = None if beyond is None else beyond[y, x]
         around = soft_parts(reference, (RIGHT_BROW, LEFT_BROW, *EYES), GROWTH / 2)
         self._hair_weight = np.asarray(1 - around[y, x], np.float32)
+        self._beard = None if beard is None or not beard.any() else beard[y, x]
         self._face = reference.mask[y, x].reshape(self._grid.size)
         self._area = int(self._face.sum())
         reach = 2 * round(LIMITS.rim_face_widths / CELL) + 1
@@ -316,10 +318,15 @@ class _Cells:
         )
 
     def lasting(self, thing: F32, before: F32 | None) -> F32:
-        """The share (n,) that objects hide which reach over the rim of the face and were in front before (n,), too."""
+        """The share (n,) that objects hide which reach over the rim of the face and were in front before (n,), too.
+
+        What lies in the person's beard for the most part is that.
+        """
         inside = thing.reshape(self._grid.size) > MIN_SHARE
         _, labels = cv2.connectedComponents((inside & self._face).astype(np.uint8))
         reaching = np.isin(labels, labels[self._rim & inside])
+        if self._beard is not None:
+            reaching &= (np.bincount(labels.ravel(), 1 - 2 * self._beard) > 0)[labels]
         if before is not None:
             there = (before > MIN_SHARE).reshape(self._grid.size)
             reaching &= np.isin(labels, labels[inside & there])
