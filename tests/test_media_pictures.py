@@ -230,6 +230,30 @@ def test_a_name_that_lies_is_not_believed(tmp_path: Path, made: str, called: str
         assert source.kind == kind
 
 
+def test_a_sequence_of_a_phone_is_read_as_the_video_that_it_is(tmp_path: Path) -> None:
+    held = io.BytesIO()
+    with av.open(held, "w", format="mp4") as container:
+        stream = container.add_stream("libx265", 10, {"x265-params": "log-level=none"})
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for k in range(4):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(smooth(48, 64, seed=k), "rgb24")))
+        container.mux(stream.encode(None))
+    start = int.from_bytes(held.getvalue()[:4])
+    head = box(b"ftyp", b"hevc", bytes(4), b"msf1", b"hevc", b"mif1")
+    (tmp_path / "a.heics").write_bytes(head.ljust(start, b"\0") + held.getvalue()[start:])
+    with open_input(tmp_path / "a.heics") as source:
+        assert (source.kind, sum(1 for _ in source)) == ("video", 4)
+
+
+def test_a_gain_map_that_is_left_out_is_said(tmp_path: Path) -> None:
+    data = encode_deep(DeepImage(smooth(32, 32)), ".jpg", {})
+    mark = b"http://ns.adobe.com/xap/1.0/\0<x xmlns:hdrgm='http://ns.adobe.com/hdr-gain-map/1.0/'/>"
+    segment = b"\xff\xe1" + (len(mark) + 2).to_bytes(2) + mark
+    (tmp_path / "a.jpg").write_bytes(data[:2] + segment + data[2:])
+    with open_input(tmp_path / "a.jpg") as source:
+        assert source.problems == ["The HDR gain map of a.jpg was left out: the result is SDR."]
+
+
 def test_a_camera_raw_picture_is_refused_in_a_sentence(tmp_path: Path) -> None:
     path = tmp_path / "a.dng"
     preview = Image.fromarray(smooth(24, 32))

@@ -155,12 +155,13 @@ def _webp_kind(file: BinaryIO, head: bytes) -> FileKind:
 
 
 def _heif_kind(file: BinaryIO, head: bytes) -> FileKind:
-    """A sequence, if a brand says so and there is a track."""
+    """A sequence, if a brand says so and there is a track: AVIF's is an animation, HEVC's a video."""
     _, body = next(boxes(head))
     brands = {body[:4], *(body[i : i + 4] for i in range(8, len(body), 4))}
     file.seek(0)
-    moves = brands & _SEQUENCE_BRANDS and any(name == b"moov" for name, _ in boxes(file.read()))
-    return "animation" if moves else "image"
+    if not brands & _SEQUENCE_BRANDS or all(name != b"moov" for name, _ in boxes(file.read())):
+        return "image"
+    return "animation" if b"avis" in brands else "video"
 
 
 def _gif_kind(file: BinaryIO, head: bytes) -> FileKind:

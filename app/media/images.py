@@ -69,6 +69,7 @@ _SETTINGS = {
     "j2k": (cv2.IMWRITE_JPEG2000_COMPRESSION_X1000, 1000),
 }
 _PROFILE_SEGMENT_BYTES = 65_519  # of a profile in one JPEG segment
+_GAIN_MAPS = (b"ns.adobe.com/hdr-gain-map", b"aux:hdrgainmap", b"urn:iso:std:iso:ts:21496")
 _PNG_HEAD = 4096  # bytes in which its colours are told
 _PNG_HEADER = 8 + 25  # signature and IHDR chunk
 XMP_BOX = bytes.fromhex("be7acfcb97a942e89c71999491e3afac")  # the identifier of a box with XMP (XMP, part 3)
@@ -117,6 +118,7 @@ class DeepImage:
     profile : the bytes of its ICC profile, or None.
     depth : bits of a component as stored, if more than 8 and fewer than 16.
     code_points : its primaries and transfer as H.273 numbers them, or None.
+    gain_map : whether its file also has what makes HDR of it, which is not written.
     """
 
     pixels: Deep
@@ -124,6 +126,7 @@ class DeepImage:
     profile: bytes | None = None
     depth: int | None = None
     code_points: tuple[int, int] | None = None
+    gain_map: bool = False
 
     @property
     def bits(self) -> int:
@@ -168,8 +171,11 @@ def read_deep(path: Path, note: Note = _ignored) -> DeepImage:
         raise MediaError(
             f"{path} is a camera's raw picture: develop it, and give the JPEG, TIFF or PNG file."
         )
-    if form == "heif":
-        return _from_heif(path, data)
+    image = _from_heif(path, data) if form == "heif" else _from_other(path, data, form, note)
+    return replace(image, gain_map=any(mark in data for mark in _GAIN_MAPS))
+
+
+def _from_other(path: Path, data: bytes, form: str, note: Note) -> DeepImage:
     image = None if form == "tiff" and _has_plain_alpha(data) else _by_opencv(path, data)
     if image is None:
         image = _by_pillow(path, data, note)

@@ -382,6 +382,8 @@ class ImageInput(MediaInput):
                     f"{str(error).rstrip('.').replace(str(file), file.name)}; it was skipped."
                 )
                 continue
+            if image.gain_map:
+                self.problems.note(f"The HDR gain map of {file.name} was left out: the result is SDR.")
             if image.bits != 8:
                 self.problems.note(
                     f"{file.name} has {image.depth or image.bits} bits per component; faces are drawn with 8."
