@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from guise.app.enrolment.landmark_source import landmark_file
 from guise.common.errors import OutputError
 from guise.common.files import WholeOutput, fitting_name, natural_key, part_of, write_json, write_whole
 
@@ -114,3 +115,11 @@ def test_a_file_with_the_longest_name_is_written_whole(tmp_path: Path) -> None:
     write_whole(path, "text")
     assert path.read_text() == "text"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_files_beside_one_with_the_longest_name_are_looked_for(tmp_path: Path) -> None:
+    clip = tmp_path / ("n" * 251 + ".mp4")
+    assert landmark_file(clip) is None
+    beside = clip.with_name(fitting_name(clip.stem, ".npz"))
+    beside.touch()
+    assert landmark_file(clip) == beside

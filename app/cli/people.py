@@ -51,9 +51,9 @@ def find(
     from guise.app.media import open_input
     from guise.app.media.pictures import labelled, save_picture, sheet
     from guise.app.people.finding import find_people
-    from guise.common.files import require_free
+    from guise.common.files import fitting_name, require_free
 
-    output = output or Path(f"{video.stem}-people.png")
+    output = output or Path(fitting_name(video.stem, "-people.png"))
     require_free(output, force=force)
     with open_input(video) as media, Stages(console) as stages:
         found = find_people(media, lambda share: stages("faces", share))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from guise.common.arrays import F64
+from guise.common.files import fitting_name
 
 if TYPE_CHECKING:
     from guise.aam.landmarks import Landmarker
@@ -47,7 +48,7 @@ class LandmarkSource:
 def landmark_file(clip: Path) -> Path | None:
     """The landmark file that lies beside a clip under its name, if there is one."""
     for suffix in SIDECARS:
-        beside = clip.with_name(clip.stem + suffix)
+        beside = clip.with_name(fitting_name(clip.stem, suffix))
         if beside.is_file():
             return beside
     return None

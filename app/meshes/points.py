@@ -18,7 +18,7 @@ from guise.app.media.pictures import save_picture
 from guise.app.meshes.context import RunContext
 from guise.app.meshes.pictures import draw_feature_points as drawn
 from guise.app.meshes.reports import LandmarksReport
-from guise.common.files import require_outputs, write_whole
+from guise.common.files import fitting_name, require_outputs, write_whole
 
 AUTO = "auto"
 
@@ -53,7 +53,7 @@ def write_feature_points(
     ------
     MeshError, FeaturePointsError, RegistrationError, OutputError
     """
-    output = output or path.with_name(f"{path.stem}.landmarks.json")
+    output = output or path.with_name(fitting_name(path.stem, ".landmarks.json"))
     like = () if template is None else (template[0],)
     require_outputs([output, context.picture], [path, *filter(None, [edit]), *like], force=context.force)
     with context.stage("reading"):

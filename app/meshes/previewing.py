@@ -17,7 +17,7 @@ from guise.app.meshes.context import RunContext
 from guise.app.meshes.pictures import DrawnHead, HeadView, Picture
 from guise.app.meshes.reports import Distances, PreviewReport
 from guise.common.arrays import F64
-from guise.common.files import require_outputs
+from guise.common.files import fitting_name, require_outputs
 
 SIDES = (-40.0, 0.0, 40.0)  # degrees
 DRAWING = "drawing"
@@ -30,7 +30,7 @@ def preview_files(head: Path, after: Path | None, output: Path | None, context: 
     ------
     MeshError, OutputError, MediaError
     """
-    output = output or head.with_name(f"{head.stem}_preview.png")
+    output = output or head.with_name(fitting_name(head.stem, "_preview.png"))
     names = [path for path in (head, after) if path]
     require_outputs([output], names, force=context.force)
     with context.stage("reading"):

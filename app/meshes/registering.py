@@ -14,7 +14,7 @@ from guise.app.meshes.context import RunContext
 from guise.app.meshes.pair import MATCHING, feature_points_of_both
 from guise.app.meshes.reports import RegisterReport, versions
 from guise.common.errors import OutputError
-from guise.common.files import require_outputs, write_arrays
+from guise.common.files import fitting_name, require_outputs, write_arrays
 
 
 def register_files(
@@ -27,7 +27,7 @@ def register_files(
     MeshError, FeaturePointsError, RegistrationError, SolverError, OutputError
         Before anything is written.
     """
-    output = output or template.with_name(f"{template.stem}_fitted{template.suffix}")
+    output = output or template.with_name(fitting_name(template.stem, f"_fitted{template.suffix}"))
     if output.suffix.lower() != template.suffix.lower():
         raise OutputError(f"{output} must end in {template.suffix}, as {template} does")
     table = output.with_suffix(".npz")

@@ -18,7 +18,7 @@ from guise.app.meshes.pictures import DrawnHead, HeadView, Picture, draw_strip, 
 from guise.app.meshes.reports import MotionError, TransferredExpression, TransferReport, versions
 from guise.common.arrays import F64
 from guise.common.errors import Interrupted, OutputError
-from guise.common.files import require_outputs
+from guise.common.files import fitting_name, require_outputs
 
 METRES: dict[Unit, float] = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254}
 MIN_HEAD_METRES, MAX_HEAD_METRES = (
@@ -48,7 +48,7 @@ def transfer_files(
     MeshError, FeaturePointsError, SolverError, OutputError
         Before anything is written.
     """
-    folder = folder or target.with_name(f"{target.stem}_expressions")
+    folder = folder or target.with_name(fitting_name(target.stem, "_expressions"))
     outputs = [folder / f"{path.stem}{target.suffix}" for path in expressions]
     extra = [context.picture, context.report]
     require_outputs([*outputs, *extra], [source, target, *expressions], force=context.force, made=folder)

@@ -17,7 +17,7 @@ from typing import Any
 from guise.app.deidentify.options import Audio, DeidentifyOptions, Region
 from guise.app.deidentify.report.quality import track_quality
 from guise.app.deidentify.report.report import outcome, verdict
-from guise.app.deidentify.run.job import deidentify_file, draw_frames, replanned
+from guise.app.deidentify.run.job import deidentify_file, draw_frames, replanned, work_folder
 from guise.app.deidentify.run.registry import open_engine
 from guise.app.deidentify.run.results import pictures, write_review
 from guise.app.deidentify.stages.case import Case
@@ -103,7 +103,7 @@ def review(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
     output = folder / (STEM + suffix_for(source, DeidentifyOptions().encode.encoder))
     with open_engine("local") as engine:
         deidentify_file(source, output, DeidentifyOptions(), engine, review=True, progress=progress, say=mute)
-    case = Case(WorkFolder(_work(output)))
+    case = Case(WorkFolder(work_folder(output)))
     shown = pictures(case, "pictures")
     for track, some in shown.items():
         for place, picture in enumerate(some):
@@ -126,7 +126,7 @@ def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
     choices = DeidentifyChoices(**about["choices"])
     if not before.exists():
         raise StudioError(f"the review of {about['name']} was deleted: upload the video again")
-    shutil.copytree(_work(before / output.name), _work(output))
+    shutil.copytree(work_folder(before / output.name), work_folder(output))
     write_whole(folder / TRACKS, _edited(before, choices))
     names = about["name"] + source.suffix, download_name(about["name"], output.name)
     with open_engine("local") as engine:
@@ -160,7 +160,7 @@ def split(folder: Path, output: str, choices: DeidentifyChoices, track: int, fra
         )
     splits = {int(number): frames for number, frames in before.get("splits", {}).items()}
     splits[_origin(row)] = sorted([*splits.get(_origin(row), []), frame])
-    write_review(Case(WorkFolder(_work(folder / output))), folder / output, splits)
+    write_review(Case(WorkFolder(work_folder(folder / output))), folder / output, splits)
     after = _carried(choices, before["tracks"], read_tracks(folder)["tracks"])
     after.save(folder)
     return after
@@ -197,7 +197,7 @@ def preview(
     """A frame before and after, RGB (h, w, 3).   found : folder of the review.   width : pixels, at most."""
     trial, tracks = found / "preview.work", found / "preview.tracks.json"
     if not trial.exists():
-        shutil.copytree(_work(found / output), trial, copy_function=os.link)  # nothing in it changes
+        shutil.copytree(work_folder(found / output), trial, copy_function=os.link)  # nothing in it changes
     write_whole(tracks, _edited(found, choices))
     case = replanned(trial, tracks, choices.options())
     some = frames_until(source, case.scan, frame)
@@ -218,10 +218,6 @@ def download_name(clip: str, file: str) -> str:
     'party_deidentified.report.json'
     """
     return f"{clip}_deidentified{file.removeprefix(STEM)}"
-
-
-def _work(output: Path) -> Path:
-    return output.with_name(output.name + ".work")
 
 
 def _edited(review: Path, choices: DeidentifyChoices) -> str:
