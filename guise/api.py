@@ -267,7 +267,8 @@ def deidentify(
 
     Returns
     -------
-    list of BatchEntry : for each input its output, exit code (0 all swapped, 3 some covered, 1 failed) and a sentence.
+    list of BatchEntry : for each input its output, exit code (0 all swapped, 3 some covered, 1 failed, 2 not
+        readable) and a sentence.
     """
     from guise.app.deidentify.options import DeidentifyOptions
     from guise.app.deidentify.run.batch import BatchRun, run_batch
