@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from PIL import Image
+from PIL import Image, ImageCms
 
 from guise.app.media import EncodeOptions, MediaError, open_input, open_sink
 from guise.app.media.input import AnimationInput
@@ -119,6 +119,18 @@ def test_avif_refuses_what_its_encoder_cannot_take(tmp_path: Path) -> None:
     with pytest.raises(MediaError, match=r"at least 64 pixels a side, not 400 x 20: write to \.webp"):
         pass_on(tmp_path / "in.webp", tmp_path / "out.avif")
     assert [file.name for file in tmp_path.iterdir()] == ["in.webp"]
+
+
+@pytest.mark.parametrize("target", [".png", ".webp", ".gif", ".avif"])
+def test_the_colour_profile_is_kept_or_said_to_be_lost(tmp_path: Path, target: str) -> None:
+    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    save(tmp_path / "in.webp", pictures(2), [100, 100], icc_profile=profile)
+    notes = pass_on(tmp_path / "in.webp", tmp_path / f"out{target}")
+    with Image.open(tmp_path / f"out{target}") as made:
+        assert made.n_frames == 2
+        kept = made.info.get("icc_profile") == profile
+    lost = f"out{target} does not keep the colour profile: a .png or .webp file does."
+    assert (kept, notes) == ((True, []) if target in (".png", ".webp") else (False, [lost]))
 
 
 def video(path: Path, rate: int, count: int, *, sound: bool = False) -> list[np.ndarray]:

@@ -28,12 +28,13 @@ class Pictures:
     """The pictures of a file: iterate for each with its delay, in units of TIME_BASE; that of a page is 0.
 
     count : number, once the first was read.   plays : how often an animation is played, 0 for ever.
-    has_alpha : whether an animation's pictures may be transparent.
+    has_alpha : whether an animation's pictures may be transparent.   profile : its ICC profile, or None.
     problems : what went wrong, in sentences; a damaged file ends where it cannot be read.
     """
 
     count = plays = 0
     has_alpha = False
+    profile: bytes | None = None
 
     def __init__(self, path: Path, kind: FileKind, problems: ProblemLog) -> None:
         self.path, self.problems = path, problems
@@ -58,7 +59,7 @@ class Pictures:
             picture: Any = file
             first = 1 if getattr(picture, "default_image", False) else 0  # what is shown where nothing moves
             self.count = _count(picture) - first
-            self.plays = _plays(picture)
+            self.plays, self.profile = _plays(picture), file.info.get("icc_profile")
             self.has_alpha = picture.has_transparency_data and not self._is_opaque_webp()
             for number in range(first, first + self.count):
                 picture.seek(number)
@@ -68,8 +69,7 @@ class Pictures:
                     self.problems.note(f"Pictures of {self.path.name} without a delay are shown for 0.1 s.")
                     delay = round(_NO_DELAY / TIME_BASE)
                 alpha = np.ascontiguousarray(rgba[..., 3]) if self.has_alpha else None
-                profile = file.info.get("icc_profile")
-                yield DeepImage(np.ascontiguousarray(rgba[..., :3]), alpha, profile), delay
+                yield DeepImage(np.ascontiguousarray(rgba[..., :3]), alpha, self.profile), delay
 
     def _is_opaque_webp(self) -> bool:
         """Whether the header of a WebP file says that nothing in it is transparent."""

@@ -19,7 +19,7 @@ from guise.app.media import colour
 from guise.app.media.boxes import box
 from guise.app.media.encoder import EncodeOptions, encoder_settings, ordinary_priority
 from guise.app.media.errors import MediaError
-from guise.app.media.images import XMP_BOX, with_tags, xmp
+from guise.app.media.images import XMP_BOX, with_chunk, with_tags, xmp
 from guise.app.media.yuv import from_rgb
 
 FORMS = {".gif": "gif", ".webp": "webp", ".png": "apng", ".apng": "apng", ".avif": "avif"}
@@ -59,6 +59,19 @@ def open_writer(
     if form == "webp":
         return _WebP(path, size, plays, alpha=alpha, lossless=lossless)
     return _Muxed(path, form, size, plays, alpha=alpha)
+
+
+def add_profile(path: Path, form: str, profile: bytes) -> None:
+    """Put an ICC profile into a complete PNG or WebP file; the others hold none."""
+    data = path.read_bytes()
+    if form == "apng":
+        path.write_bytes(with_chunk(data, b"iCCP" + b"icc\0\0" + zlib.compress(profile)))
+    elif form == "webp":  # before all but its header, which is of 18 bytes
+        start = 12 + 18
+        chunks = bytearray(data[:start] + _chunk(b"ICCP", profile) + data[start:])
+        chunks[4:8] = struct.pack("<I", len(chunks) - 8)
+        chunks[20] |= _WEBP_PROFILE
+        path.write_bytes(chunks)
 
 
 def add_tags(path: Path, form: str, tags: Mapping[str, str]) -> None:
@@ -174,7 +187,7 @@ def _with_palette(picture: av.VideoFrame) -> av.VideoFrame:
     return made
 
 
-_WEBP_ALPHA, _WEBP_ANIMATED, _WEBP_XMP = 0x10, 0x02, 0x04
+_WEBP_ALPHA, _WEBP_ANIMATED, _WEBP_XMP, _WEBP_PROFILE = 0x10, 0x02, 0x04, 0x20
 _WEBP_SIDE = 16_383  # most pixels
 
 

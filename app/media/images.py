@@ -414,7 +414,7 @@ def _with_metadata(data: bytes, form: str, image: DeepImage, tags: Mapping[str, 
     whole = with_tags(data, form, tags)
     if form == "png" and image.code_points not in (None, (1, 13)):
         told = bytes([*(image.code_points or ()), 0, 1])  # cICP: RGB, full range (PNG 3, 11.3.2.6)
-        whole = whole[:_PNG_HEADER] + _png_chunk(b"cICP" + told) + whole[_PNG_HEADER:]
+        whole = with_chunk(whole, b"cICP" + told)
     return _jpeg_with(whole, _jpeg_profile(image.profile or b"")) if form == "jpeg" else whole
 
 
@@ -511,6 +511,11 @@ def _jpeg_profile(profile: bytes) -> bytes:
 def _png_text(key: str, value: str) -> bytes:
     """One iTXt chunk: a keyword of at most 79 Latin-1 bytes, then UTF-8 text (PNG 3, 11.3.3.4)."""
     return _png_chunk(b"iTXt" + key.encode("latin-1", "replace")[:79] + b"\0\0\0\0\0" + value.encode())
+
+
+def with_chunk(data: bytes, body: bytes) -> bytes:
+    """A PNG file with one more chunk, after its header."""
+    return data[:_PNG_HEADER] + _png_chunk(body) + data[_PNG_HEADER:]
 
 
 def _png_chunk(body: bytes) -> bytes:

@@ -19,7 +19,7 @@ import numpy as np
 from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
-from guise.app.media.animation_writer import FORMS, LOSSLESS, add_tags, open_writer
+from guise.app.media.animation_writer import FORMS, LOSSLESS, add_profile, add_tags, open_writer
 from guise.app.media.encoder import EncodeOptions, available_encoders, ordinary_priority
 from guise.app.media.encoding import Encoding, encoding_for
 from guise.app.media.errors import MediaError, reason
@@ -324,6 +324,7 @@ class AnimationSink(Sink):
         self._held: tuple[Fraction, Fraction, NDArray[np.uint8]] | None = None
         source = media.pictures if isinstance(media, AnimationInput) else None
         alpha = media.has_alpha if source is None else source.has_alpha
+        self._profile = source.profile if source else None
         self._alpha = alpha and self._form != "avif" and self._size == (media.width, media.height)
         _note_lost(media, path, self._form)
         self._shortest = _GIF_SHORTEST if self._form == "gif" and source is None else Fraction(0)
@@ -362,6 +363,8 @@ class AnimationSink(Sink):
         assert self._held is not None
         self._add(self._held, self._held[1])
         self._writer.close()
+        if self._profile:
+            add_profile(self.part, self._form, self._profile)
         if self._tags:
             add_tags(self.part, self._form, self._tags)
         self.publish()
@@ -380,6 +383,8 @@ def _note_lost(media: MediaInput, path: Path, form: str) -> None:
         media.problems.note(f"{path.name} has 8 bits: its pictures are SDR, as which the HDR is shown.")
     if form == "avif" and (media.pictures if isinstance(media, AnimationInput) else media).has_alpha:
         media.problems.note(f"{path.name} does not keep transparency: a .png or .webp file does.")
+    if form in ("gif", "avif") and isinstance(media, AnimationInput) and media.pictures.profile:
+        media.problems.note(f"{path.name} does not keep the colour profile: a .png or .webp file does.")
     if form == "gif" and not isinstance(media, AnimationInput) and media.frame_rate > 1 / _GIF_SHORTEST:
         media.problems.note(
             f"{path.name} shows at most {1 / _GIF_SHORTEST} pictures a second: the rest was left out."
