@@ -197,6 +197,30 @@ def test_a_few_wrong_times_move_nothing_else(off: Fraction, wrong: int) -> None:
         assert [p.pts for p in packets if p.stream_index == index] == [n * 3750 for n in range(72)]
 
 
+@pytest.mark.parametrize("first", [0, 500])
+@pytest.mark.parametrize("second", [0, 500])
+@pytest.mark.parametrize("silent", [0, 1, None])
+def test_a_sound_that_ends_or_begins_at_the_jump_goes_with_the_pictures(
+    first: int, second: int, silent: int | None
+) -> None:
+    unit, step = Fraction(1, 90000), 3750
+    rows = [
+        (index, start * 90000 + number * step)
+        for part, start in enumerate((first, second)) for number in range(48) for index in (0, 1)
+        if (index, part) != (1, silent)
+    ]  # fmt: skip
+    packets = [
+        SimpleNamespace(stream_index=index, pts=time, dts=time, time_base=unit) for index, time in rows
+    ]
+    retime = Retimer(clock_by(packets, unit))
+    for packet in packets:
+        retime(packet)
+    pictures = [packet.pts for packet in packets if packet.stream_index == 0]
+    assert pictures == [first * 90000 + number * step for number in range(96)]
+    sound = [packet.pts for packet in packets if packet.stream_index == 1]
+    assert sound == pictures[48 * (silent == 0) : 48 * (1 + (silent != 1))]
+
+
 def test_a_joined_file_is_read_from_its_start_by_all_who_seek(tmp_path: Path) -> None:
     part = record(tmp_path / "part.ts")
     source = join(tmp_path / "joined.ts", part, part, part)

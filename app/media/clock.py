@@ -129,7 +129,7 @@ class _Offset:
 
     def next_packet(self, unit: Fraction) -> None:
         """Go on to the stream's next packet."""
-        if self._steps and self._steps[0].start <= self._packets:
+        while self._steps and self._steps[0].start <= self._packets:
             step = self._steps.pop(0)
             self._before, self._added = self._added, round(step.added / unit)
             self._since = -math.inf if step.since is None else math.ceil(step.since / unit)
@@ -348,7 +348,7 @@ class _Joined:
         for index in self._sounds:
             if (same := self._same_jump(index, run)) is not None:
                 found[index] = same.start, same
-        together = len(found) == len(self._sounds)
+        together = all(index in found or self._is_away(index, run) for index in self._sounds)
         if not together and self._strays(run):
             return {}
         if run.jump > 0 and not (together and self._closes_gaps):
@@ -361,6 +361,11 @@ class _Joined:
             ):
                 found[index] = packets, None
         return found
+
+    def _is_away(self, index: int, run: _Run) -> bool:
+        """Whether a sound has ended before the run, or not begun."""
+        packets, now = run.others[index]
+        return now is None or packets == self._sounds[index].packets
 
     def _same_jump(self, index: int, run: _Run) -> _Run | None:
         """The run of a sound that jumps as far as that of the pictures."""
