@@ -305,6 +305,27 @@ def test_a_rig_is_scaled_as_a_whole(suffix: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("normals", ["", "out", "in"])
+def test_a_rig_made_of_a_rig_that_is_inside_out_is_wound_right(normals: str, tmp_path: Path) -> None:
+    ball = trimesh.creation.icosphere(2)
+    made = Glb()
+    mesh = made.mesh(ball.vertices, ball.faces[:, ::-1])
+    attributes = made.json["meshes"][mesh]["primitives"][0]["attributes"]
+    if normals == "":
+        del attributes["NORMAL"]
+    else:
+        attributes["NORMAL"] = made.accessor(ball.vertices * (1 if normals == "out" else -1))
+    made.node(mesh=mesh)
+    file = made.read(tmp_path)
+    assert len(file.notes) == 1
+    write_rig(tmp_path / "rig.glb", file, ["grown"], file.mesh.vertices[None] * 1.5)
+    again = read_rig(tmp_path / "rig.glb")
+    assert not again.file.notes
+    assert_allclose(again.shapes[0], again.file.mesh.vertices * 1.5, atol=1e-6)
+    if again.file.document.normals is not None:
+        assert ((again.file.document.normals * again.file.document.vertices).sum(1) > 0.9).all()
+
+
+@pytest.mark.parametrize("normals", ["", "out", "in"])
 def test_a_rig_made_of_a_file_that_is_inside_out_is_wound_right(normals: str, tmp_path: Path) -> None:
     ball = trimesh.creation.icosphere(2)
     lines = [f"v {-x} {y} {z}" for x, y, z in ball.vertices]

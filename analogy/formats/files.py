@@ -10,7 +10,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -194,14 +194,14 @@ def write_rig(
     for shape in shapes:  # one by one, as all together may take a gigabyte
         moving |= any_coordinate(np.abs(shape - rest) > MIN_MOTION_SIZES * size)
     moves = moving[target.cleaned.ids[origin]]
+    own = document is target.document  # what was made of another format is wound right already
+    build = partial(build_rig_glb, inside_out=own and target.cleaned.turned)
     placed = (
         (name, target.to_file_vertices(shape)[origin]) for name, shape in zip(names, shapes, strict=True)
     )
     _write(
         path,
-        _with_file_name(
-            target.path, build_rig_glb, document, normals, placed, moves, target.path.parent, scale
-        ),
+        _with_file_name(target.path, build, document, normals, placed, moves, target.path.parent, scale),
     )
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from guise.analogy.formats.gltf import GltfDocument, GltfPart, damage_as_mesh_error, scene_parts, scene_roots
-from guise.analogy.formats.gltf_container import GltfContainer, Json, read_uri
+from guise.analogy.formats.gltf_container import GL_ELEMENT_ARRAY_BUFFER, GltfContainer, Json, read_uri
 from guise.analogy.mesh import MeshError
-from guise.analogy.normals import StoredNormals, any_coordinate
+from guise.analogy.normals import StoredNormals, any_coordinate, polygon_vertex_normals
 from guise.common.arrays import F32, F64, Bool
 
 
@@ -33,12 +33,15 @@ def build_rig_glb(
     moving: Bool,
     folder: Path,
     scale: float = 1.0,
+    *,
+    inside_out: bool = False,
 ) -> bytes:
     """A GLB of a document with new morph targets in place of its own.
 
     normals : of the document, None if it has none.   shapes : names and vertices (n, 3) in the scene.
     moving : (n,) whether any shape moves a vertex; meshes that do not move get no targets.
     folder : of the textures that the document names; they are embedded.   scale : of the whole scene.
+    inside_out : whether the document is, so that its faces are wound the other way.
     """
     with damage_as_mesh_error():
         made = document.container.copy()
@@ -49,12 +52,13 @@ def build_rig_glb(
             for part, own in pairs
             if _moves(part, document.parts, moving)
         ]
+        side = _turn(made, document) if inside_out else 1.0
         names: list[str] = []
         for name, vertices in shapes:
             names.append(name)
             turned = None if normals is None else normals.updated(vertices)
             for part, own, extent in parts:
-                target = _target(made, document, part, extent, vertices, turned)
+                target = _target(made, document, part, extent, vertices, turned, side)
                 for primitive in own.primitives:
                     primitive.setdefault("targets", []).append(target)
         for part, _, _ in parts:
@@ -66,6 +70,24 @@ def build_rig_glb(
         if scale != 1:
             _scale_scene(made, scale)
         return made.to_glb()
+
+
+def _turn(made: GltfContainer, document: GltfDocument) -> float:
+    """Wind all faces the other way, and turn normals that look inwards as they did; -1 if they were turned."""
+    inwards = polygon_vertex_normals(document.vertices, document.polygons)
+    agree = document.normals is not None and float((document.normals * inwards).sum()) > 0
+    for part, own in zip(document.parts, scene_parts(made), strict=True):
+        count = part.rows.stop - part.rows.start
+        for primitive in own.primitives:
+            given = primitive.get("indices")
+            faces = np.arange(count) if given is None else made.read_accessor(given)
+            backwards = faces.astype(np.uint32).reshape(-1, 3)[:, ::-1].reshape(-1, 1)
+            primitive["indices"] = made.append_accessor(backwards, GL_ELEMENT_ARRAY_BUFFER)
+        if agree and own.has_attribute("NORMAL"):
+            index = own.primitives[0]["attributes"]["NORMAL"]
+            outwards = -made.read_accessor(index).astype(np.float64)
+            own.write_attribute(made, "NORMAL", outwards, np.ones(count, bool))
+    return -1.0 if agree else 1.0
 
 
 def _scale_scene(made: GltfContainer, scale: float) -> None:
@@ -90,14 +112,18 @@ def _target(
     extent: float,
     vertices: F64,
     normals: F64 | None,
+    side: float,
 ) -> dict[str, int]:
-    """The accessors of the displacements of a part of an extent, sparse where most of it stays."""
+    """The accessors of the displacements of a part of an extent, sparse where most of it stays.
+
+    side : -1 where the normals of the document are written turned.
+    """
     way = vertices[part.rows] - held.vertices[part.rows]
     least = SPARSE.min_motion_sizes * extent
     columns = {"POSITION": (part.from_scene(way, is_position=False), any_coordinate(np.abs(way) > least))}
     if normals is not None and held.normals is not None and part.has_attribute("NORMAL"):
         turn = part.normals_from_scene(normals[part.rows]) - part.normals_from_scene(held.normals[part.rows])
-        columns["NORMAL"] = turn, any_coordinate(np.abs(turn) > SPARSE.min_normal_turn)
+        columns["NORMAL"] = side * turn, any_coordinate(np.abs(turn) > SPARSE.min_normal_turn)
     return {
         name: made.append_sparse_accessor(values.astype(np.float32), np.flatnonzero(moves))
         for name, (values, moves) in columns.items()
