@@ -406,6 +406,17 @@ def test_a_picture_is_covered(clip: Path, tmp_path: Path) -> None:
         assert len(FaceDetector(min_score=0.5).detect(next(iter(made)).rgb())) == 0
 
 
+def test_a_video_gives_an_animation_where_that_is_asked_for(clip: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out.gif"
+    report = run(clip, output)
+    assert isinstance(report, FileReport)
+    assert report.problems == ("A .gif file holds no sound: the audio was left out.",)
+    made, before = pictures(output), pictures(clip)
+    assert len(made) == len(before) == FRAMES
+    changed = [np.abs(a.astype(int) - b) for a, b in zip(made, before, strict=True)]
+    assert all(one.max() > 40 > 6 * np.median(one) for one in changed)
+
+
 def test_a_folder_of_pictures_gives_a_folder_of_pictures(clip: Path, tmp_path: Path) -> None:
     from guise.app.media import open_input
     from guise.app.media.pictures import save_picture

@@ -110,7 +110,7 @@ def test_avif_says_that_it_keeps_no_transparency(tmp_path: Path) -> None:
     frames = [np.dstack([rgb, np.full(rgb.shape[:2], 99, np.uint8)]) for rgb in pictures(2)]
     save(tmp_path / "in.png", frames, [100, 100])
     assert pass_on(tmp_path / "in.png", tmp_path / "out.avif") == [
-        "out.avif does not keep transparency: a .png or .webp file does."
+        "A .avif file does not keep transparency: a .png or .webp file does."
     ]
 
 
@@ -129,7 +129,7 @@ def test_the_colour_profile_is_kept_or_said_to_be_lost(tmp_path: Path, target: s
     with Image.open(tmp_path / f"out{target}") as made:
         assert made.n_frames == 2
         kept = made.info.get("icc_profile") == profile
-    lost = f"out{target} does not keep the colour profile: a .png or .webp file does."
+    lost = f"A {target} file does not keep the colour profile: a .png or .webp file does."
     assert (kept, notes) == ((True, []) if target in (".png", ".webp") else (False, [lost]))
 
 
@@ -154,7 +154,7 @@ def video(path: Path, rate: int, count: int, *, sound: bool = False) -> list[np.
 def test_a_video_becomes_an_animation_of_the_same_length(tmp_path: Path, suffix: str, rate: int) -> None:
     frames = video(tmp_path / "in.mp4", rate, 7, sound=True)
     notes = pass_on(tmp_path / "in.mp4", tmp_path / f"out{suffix}")
-    assert notes == [f"out{suffix} holds no sound: the audio was left out."]
+    assert notes == [f"A {suffix} file holds no sound: the audio was left out."]
     delays, shown, _ = read(tmp_path / f"out{suffix}")
     assert len(shown) == 7
     assert sum(delays) == pytest.approx(7000 / rate, abs=10)
@@ -164,7 +164,7 @@ def test_a_video_becomes_an_animation_of_the_same_length(tmp_path: Path, suffix:
 def test_gif_leaves_out_what_players_would_slow_down(tmp_path: Path) -> None:
     video(tmp_path / "in.mp4", 60, 12)
     assert pass_on(tmp_path / "in.mp4", tmp_path / "out.gif") == [
-        "out.gif shows at most 50 pictures a second: the rest was left out."
+        "A .gif file shows at most 50 pictures a second: the rest was left out."
     ]
     delays = read(tmp_path / "out.gif")[0]
     assert min(delays) >= 20

@@ -359,7 +359,7 @@ def test_alpha_of_a_video_is_that_of_an_animation(tmp_path: Path, suffix: str) -
 def test_hdr_as_an_animation_is_sdr_and_said_so(tmp_path: Path) -> None:
     clip = make(tmp_path / "in.mkv", "ffv1", "yuv420p10le", 3, HLG)
     (problem,) = drawn(clip, tmp_path / "out.webp", EncodeOptions(lossless=True))
-    assert problem == "out.webp has 8 bits: its pictures are SDR, as which the HDR is shown."
+    assert problem == "A .webp file has 8 bits: its pictures are SDR, as which the HDR is shown."
     for old, new in zip(read(clip), read(tmp_path / "out.webp"), strict=True):
         assert np.abs(painted(old).rgb().astype(int) - new.rgb()).mean() < 1
 

@@ -138,7 +138,7 @@ def test_what_an_image_does_not_keep_is_said(tmp_path: Path) -> None:
     with open_input(tmp_path / "a.png") as source, open_sink(tmp_path / "b.jpg", source) as sink:
         sink.write(next(iter(source)))
         assert source.problems[-1] == (
-            "b.jpg does not keep transparency and 16 bits per component: a .png file does."
+            "A .jpg file does not keep transparency and 16 bits per component: a .png file does."
         )
 
 

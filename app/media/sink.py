@@ -378,16 +378,20 @@ class AnimationSink(Sink):
 def _note_lost(media: MediaInput, path: Path, form: str) -> None:
     """Note what an animated picture does not keep of its input."""
     if media.has_audio:
-        media.problems.note(f"{path.name} holds no sound: the audio was left out.")
+        media.problems.note(f"A {path.suffix} file holds no sound: the audio was left out.")
     if isinstance(media, VideoInput) and is_hdr(media.first_picture.color_trc):
-        media.problems.note(f"{path.name} has 8 bits: its pictures are SDR, as which the HDR is shown.")
+        media.problems.note(
+            f"A {path.suffix} file has 8 bits: its pictures are SDR, as which the HDR is shown."
+        )
     if form == "avif" and (media.pictures if isinstance(media, AnimationInput) else media).has_alpha:
-        media.problems.note(f"{path.name} does not keep transparency: a .png or .webp file does.")
+        media.problems.note(f"A {path.suffix} file does not keep transparency: a .png or .webp file does.")
     if form in ("gif", "avif") and isinstance(media, AnimationInput) and media.pictures.profile:
-        media.problems.note(f"{path.name} does not keep the colour profile: a .png or .webp file does.")
+        media.problems.note(
+            f"A {path.suffix} file does not keep the colour profile: a .png or .webp file does."
+        )
     if form == "gif" and not isinstance(media, AnimationInput) and media.frame_rate > 1 / _GIF_SHORTEST:
         media.problems.note(
-            f"{path.name} shows at most {1 / _GIF_SHORTEST} pictures a second: the rest was left out."
+            f"A {path.suffix} file shows at most {1 / _GIF_SHORTEST} pictures a second: the rest was left out."
         )
 
 
@@ -492,7 +496,7 @@ def _encoded(frame: Frame, name: str, tags: Mapping[str, str], note: Callable[[s
     """The bytes of an image file that shows a frame, with what its own image file had, where nothing was drawn."""
     image, suffix = _drawn(frame), Path(name).suffix
     if lost := lost_in(suffix, image):
-        note(f"{name} does not keep {' and '.join(lost)}: a .png file does.")
+        note(f"A {suffix} file does not keep {' and '.join(lost)}: a .png file does.")
     return encode_deep(image, suffix, tags)
 
 
