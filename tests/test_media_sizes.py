@@ -118,13 +118,14 @@ def test_every_size_is_shown_whole_with_one_note_a_change(
     join(path, sizes)
     with open_input(path) as media:
         pictures = [frame.rgb() for frame in media]
-        said = [note for note in media.problems if "changes to" in note]
+        said = [note for note in media.problems if "picture changes" in note]
     assert len(pictures) == 6 * len(sizes)
     assert {picture.shape for picture in pictures} == {(sizes[0][1], sizes[0][0], 3)}
     assert len(said) == len(sizes) - 1
     for size, note in zip(sizes[1:], said, strict=True):
         assert f"{size[0]} x {size[1]}" in note
         assert ("letterboxed" in note) == (size != sizes[0])
+        assert ("changes back to" in note) == (size == sizes[0])
     for picture in pictures:
         wide, tall = disk_box(picture)
         assert abs(wide - tall) <= 3
@@ -135,13 +136,13 @@ def test_segments_show_what_a_whole_pass_shows(tmp_path: Path) -> None:
     joined_pictures(path, [(160, 120), (66, 120), (160, 120)], frames=6)
     with open_input(path) as media:
         whole = [frame.rgb() for frame in media]
-        noted = [note for note in media.problems if "changes to" in note]
+        noted = [note for note in media.problems if "picture changes" in note]
     found = scan(path, length=4)
     cut, said = [], []
     for segment in found.segments:
         log = ProblemLog()
         cut += [frame.rgb() for frame in read_frames(path, found, segment.first, segment.end, problems=log)]
-        said += [note for note in log if "changes to" in note]
+        said += [note for note in log if "picture changes" in note]
     assert len(found.segments) > 1
     assert all((a == b).all() for a, b in zip(whole, cut, strict=True))
     assert list(dict.fromkeys(said)) == noted

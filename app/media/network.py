@@ -17,7 +17,7 @@ from av.video.stream import VideoStream
 
 from guise.app.media.errors import MediaError, reason
 from guise.app.media.pixel_formats import NATIVE_FORMATS, nearest_format
-from guise.app.media.reader import is_still, reformat
+from guise.app.media.reader import in_shape, is_still
 from guise.common.closing import Closing
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ class NetworkReader(Closing):
         if (picture.width, picture.height, name) == self.shape:
             return picture
         pts, base = picture.pts, picture.time_base
-        converted = reformat(picture, *self.shape)
+        converted = in_shape(picture, self.shape)
         converted.pts, converted.time_base = pts, base
         return converted
 

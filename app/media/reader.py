@@ -28,7 +28,7 @@ from guise.app.media.clock import STEADY, FileClock, Retimer
 from guise.app.media.coded_quality import TELL_QUANTISER
 from guise.app.media.encoder import find_codec
 from guise.app.media.errors import MediaError, reason
-from guise.app.media.letterbox import fitting_box, pasted
+from guise.app.media.letterbox import SQUARE, fitting_box, pasted
 from guise.app.media.pipes import UNREADABLE, is_pipe, opened_as
 from guise.app.media.pixel_formats import NATIVE_FORMATS, depth, has_alpha, nearest_format
 from guise.common.closing import Closing
@@ -463,13 +463,16 @@ class VideoReader(Closing):
         if self._stored is not None:
             assert self._shape is not None
             width, height, form = self._shape
-            done = (
-                f"letterboxed in {width} x {height}" if stored[:2] != self._shape[:2] else f"kept as {form}"
-            )
-            self.problems.note(
-                f"At {self._clock(picture.pts)} the picture changes to {stored[0]} x {stored[1]} {stored[2]}: "
-                f"it was {done}."
-            )
+            then = f"{stored[0]} x {stored[1]} {stored[2]}"
+            if stored[:2] != (width, height):
+                then = f"to {then}: it was letterboxed in {width} x {height}"
+            else:
+                then = (
+                    f"back to {then}"
+                    if self._stored[:2] != stored[:2]
+                    else f"to {then}: it was kept as {form}"
+                )
+            self.problems.note(f"At {self._clock(picture.pts)} the picture changes {then}.")
         self._stored = stored
 
     def _pixel_aspect(self) -> Fraction:
@@ -479,12 +482,7 @@ class VideoReader(Closing):
     def _letterboxed(self, picture: av.VideoFrame) -> av.VideoFrame:
         """A picture in the size and format of the first; another size is kept undistorted, between bars."""
         assert self._shape is not None
-        width, height, form = self._shape
-        if (picture.width, picture.height) == (width, height):
-            return reformat(picture, width, height, form)
-        stretch = self._pixel_aspect() / self._first_aspect
-        left, top, wide, tall = fitting_box(picture.width, picture.height, (width, height), stretch)
-        return pasted(reformat(picture, wide, tall, form), (width, height), left, top)
+        return in_shape(picture, self._shape, self._pixel_aspect() / self._first_aspect)
 
     def _clock(self, pts: int | None = None) -> str:
         """A time stamp, or the last one that was yielded, in seconds."""
@@ -497,6 +495,20 @@ def frame_rate(container: InputContainer, stream: VideoStream) -> Fraction | Non
     coded = stream.codec_context.framerate if container.format.flags & _NO_TIMESTAMPS else None
     rate = coded or stream.average_rate or stream.guessed_rate or stream.base_rate
     return Fraction(rate) if rate else None
+
+
+def in_shape(
+    picture: av.VideoFrame, shape: tuple[int, int, str], stretch: Fraction = SQUARE
+) -> av.VideoFrame:
+    """A picture with another (width, height, pixel format), undistorted, between bars where its aspect ratio differs.
+
+    stretch : how much wider its pixels are than those of the shape.
+    """
+    width, height, form = shape
+    if (picture.width, picture.height) == (width, height):
+        return reformat(picture, width, height, form)
+    left, top, wide, tall = fitting_box(picture.width, picture.height, (width, height), stretch)
+    return pasted(reformat(picture, wide, tall, form), (width, height), left, top)
 
 
 def reformat(picture: av.VideoFrame, width: int, height: int, fmt: str) -> av.VideoFrame:
