@@ -10,6 +10,8 @@ from guise.app.media import EncodeOptions, open_input
 from guise.app.media.coded_quality import LEAST_CRF, MOST_CRF, USUAL_CRF, crf_like, quantiser
 from guise.app.media.encoding import encoding_for
 
+OUT = Path("out.mp4")  # for which an encoder is chosen
+
 
 def coded(path: Path, encoder: str, settings: dict[str, str]) -> Path:
     """A short video of noise."""
@@ -35,7 +37,7 @@ def test_other_formats_do_not_tell(tmp_path: Path) -> None:
     path = coded(tmp_path / "in.mkv", "ffv1", {})
     with open_input(path) as media:
         assert media.quantiser is None
-        assert encoding_for(media, EncodeOptions()).settings["crf"] == str(USUAL_CRF)
+        assert encoding_for(media, EncodeOptions(), OUT).settings["crf"] == str(USUAL_CRF)
 
 
 def test_a_picture_that_no_decoder_made_has_no_quantiser() -> None:
@@ -53,7 +55,7 @@ def test_an_encoder_gets_the_crf_of_its_input_unless_one_is_chosen(
 ) -> None:
     path = coded(tmp_path / "in.mp4", "libx264", {"qp": str(step), "preset": "ultrafast"})
     with open_input(path) as media:
-        assert encoding_for(media, EncodeOptions()).settings["crf"] == str(expected)
-        assert encoding_for(media, EncodeOptions(crf=27)).settings["crf"] == "27"
-        assert encoding_for(media, EncodeOptions("libvpx-vp9")).settings["crf"] == "20"
-        assert "crf" not in encoding_for(media, EncodeOptions(lossless=True)).settings
+        assert encoding_for(media, EncodeOptions(), OUT).settings["crf"] == str(expected)
+        assert encoding_for(media, EncodeOptions(crf=27), OUT).settings["crf"] == "27"
+        assert encoding_for(media, EncodeOptions("libvpx-vp9"), OUT).settings["crf"] == "20"
+        assert "crf" not in encoding_for(media, EncodeOptions(lossless=True), OUT).settings
