@@ -45,6 +45,8 @@ class Extrapolator:
     max_deviations : of the target's own modes from the anchor, to which their amounts are limited: far beyond what
         the target's clip shows (a head turned farther, say) their sum breaks up into streaks.  None for no limit.
     moving : (h, w) share in [0, 1] of the texture's movement that is shown; None for all of it.
+    tone : (3,) RGB of the target's skin over that of the source's, by which the movement of the source's texture is
+        scaled: on a darker skin the same shade is fewer grey levels.  None for 1.
 
     Raises
     ------
@@ -62,6 +64,7 @@ class Extrapolator:
         gate: float = DEFAULT_GATE,
         max_deviations: float | None = None,
         moving: F32 | None = None,
+        tone: F32 | None = None,
     ) -> None:
         if source.reference.id != target.reference.id:
             raise ReferenceMismatchError(
@@ -70,6 +73,9 @@ class Extrapolator:
             )
         self.reference = source.reference
         ys, yt = source.components.basis, target.components.basis
+        if tone is not None:
+            ys = ys.copy()
+            ys[SHAPE_ENTRIES:].reshape(-1, 3, ys.shape[1])[:] *= tone[:, None]
         self._amounts = yt.T @ ys
         self._most = None if max_deviations is None else max_deviations * target.components.deviations
         self._bases = ys, yt

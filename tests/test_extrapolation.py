@@ -140,6 +140,16 @@ def test_of_texture_that_does_not_move_nothing_is_shown_and_shapes_stay() -> Non
         assert_allclose(made[:SHAPE_ENTRIES], usual[:SHAPE_ENTRIES], atol=1e-3)
 
 
+def test_the_movement_of_a_fair_face_is_scaled_to_the_tone_of_a_dark_one() -> None:
+    rho, tone = some_parameters(5), np.float32([0.5, 0.4, 0.3])
+    moved = Extrapolator(SOURCE, TARGET, 1.0, tone=tone, **PLAIN).apply(rho) - TARGET.components.mean
+    direct = SOURCE.components.basis @ rho
+    assert_allclose(moved[:SHAPE_ENTRIES], direct[:SHAPE_ENTRIES], atol=1e-3)
+    texture = direct[SHAPE_ENTRIES:].reshape(-1, 3) * tone
+    assert_allclose(moved[SHAPE_ENTRIES:].reshape(-1, 3), texture, atol=1e-3)
+    assert_allclose(SOURCE.components.basis @ rho, direct)
+
+
 def test_a_model_transfers_to_itself_unchanged() -> None:
     rho = some_parameters(7)
     moved = Extrapolator(SOURCE, SOURCE, 0.3).apply(rho)

@@ -20,6 +20,7 @@ from guise.aam.extrapolation import DEFAULT_GATE, Extrapolator
 from guise.aam.glasses import GlassesOnHead, WornGlasses
 from guise.aam.irises import EYES, Irises
 from guise.aam.landmarks.schemes import INNER_LIPS
+from guise.aam.mask import skin_mask
 from guise.aam.model import Identity
 from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame, remap_points
 from guise.aam.relief import STRAIGHT, Relief
@@ -101,8 +102,11 @@ def _fitted(person: TrackedPerson, donor: Donor, shown: AppearanceModel, look: L
     """The texture of a donor, as they are shown beside a person, who is fitted into the head of that person."""
     own, relief = person.identity.appearance, Relief.shipped(person.identity.reference)
     transfer = ShapeTransfer(person.solid, donor.solid, own.reference, outline=look.outline)
+    skin = skin_mask(own.reference)[own.reference.mask]
+    theirs, shade = (np.log(np.maximum(one.neutral_texture[skin], 1)).mean(0) for one in (own, shown))
+    tone = np.asarray(np.exp(shade - theirs), np.float32)
     extrapolator = Extrapolator(
-        own, shown, look.alpha, max_deviations=MAX_TEXTURE_DEVIATIONS, moving=donor.moving
+        own, shown, look.alpha, max_deviations=MAX_TEXTURE_DEVIATIONS, moving=donor.moving, tone=tone
     )
     sides = SideViews.of(shown, donor.clean.views, donor.solid.rest)
     return Texture(
