@@ -246,3 +246,15 @@ def test_sound_is_played_on_the_same_clock(tmp_path: Path, kind: str) -> None:
         assert middle - 1.5 < time < middle + 0.1
         reader.seek(0)
         assert next(time for time, _ in iter(reader.read, None)) == heard[0]
+
+
+@pytest.mark.parametrize("pictures", [2, 3, 5])
+def test_recordings_with_sound_that_overlap_a_little_are_joined(tmp_path: Path, pictures: int) -> None:
+    """As one is that a recorder has split: the second part repeats the times of a few pictures."""
+    first = record(tmp_path / "1.ts", 5, 36)
+    second = record(tmp_path / "2.ts", 5 + (36 - pictures) * STEP, 36)
+    with open_input(join(tmp_path / "joined.ts", first, second)) as media:
+        found = [frame.pts * frame.time_base for frame in media]
+        assert not media.problems
+    assert len(found) == 72
+    assert is_steady(found)

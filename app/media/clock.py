@@ -217,11 +217,13 @@ class _Run:
 class _Trace:
     """The runs of one stream, while its packets are read.
 
-    alone : whether there is no sound: times that overlap at a keyframe then can only be those of another recording.
+    is_video : whether times of a keyframe that overlap those before begin a run, as in another recording.
+    overlaps : of other streams, packets with a time before that of the last one, and that time in seconds.
     """
 
-    def __init__(self, stream: Stream, *, alone: bool = False) -> None:
-        self._alone = alone
+    def __init__(self, stream: Stream, *, is_video: bool = False) -> None:
+        self._is_video = is_video
+        self.overlaps: list[tuple[int, Fraction]] = []
         self.unit = Fraction(stream.time_base or 1)
         self.runs: list[_Run] = []
         self.packets = 0
@@ -243,7 +245,7 @@ class _Trace:
     def feed(self, packet: Packet[Stream], traces: Mapping[int, _Trace]) -> None:
         """Take the next packet."""
         dts, pts = packet.dts, packet.pts
-        least = 0 if self._alone and packet.is_keyframe else self._back
+        least = 0 if self._is_video and packet.is_keyframe else self._back
         back = self._step_back(dts if dts is None or pts is None else min(dts, pts), least)
         if pts is not None:
             self._place(pts, back, traces)
@@ -257,6 +259,8 @@ class _Trace:
         step = 0 if last is None else dts - last
         if step > 0:
             self._steps[step] += 1
+        if step < 0 and not self._is_video:
+            self.overlaps.append((self.packets, dts * self.unit))
         return step if step < -least else 0
 
     def _place(self, pts: int, back: int, traces: Mapping[int, _Trace]) -> None:
@@ -288,8 +292,7 @@ def _scanned(path: str, size: int, changed: int, video: int, early: Fraction) ->
     """
     with av.open(path, metadata_errors="surrogateescape") as container:
         kinds = set(container.format.name.split(","))
-        alone = not container.streams.audio
-        traces = {stream.index: _Trace(stream, alone=alone) for stream in container.streams}
+        traces = {s.index: _Trace(s, is_video=s.index == video) for s in container.streams}
         for packet in _packets(container):
             traces[packet.stream_index].feed(packet, traces)
         sounds = {s.index: traces[s.index] for s in container.streams.audio if traces[s.index].packets}
@@ -345,6 +348,8 @@ class _Joined:
     def _followers(self, before: _Run, run: _Run) -> dict[int, tuple[int, _Run | None]] | None:
         """The other streams that jump with the pictures' run: from which packet, in which run; None for no jump."""
         found: dict[int, tuple[int, _Run | None]] = {}
+        if -LIMITS.max_step_back <= run.jump < 0:
+            return self._overlapping(run)
         for index in self._sounds:
             if (same := self._same_jump(index, run)) is not None:
                 found[index] = same.start, same
@@ -360,6 +365,18 @@ class _Joined:
                 or abs(now - run.first) < abs(now - before.last)  # it ended early enough not to jump itself
             ):
                 found[index] = packets, None
+        return found
+
+    def _overlapping(self, run: _Run) -> dict[int, tuple[int, _Run | None]] | None:
+        """As `_followers`, for pictures that step back a little: another recording where all sounds overlap, too."""
+        found: dict[int, tuple[int, _Run | None]] = {
+            index: (packets, None) for index, (packets, _) in run.others.items() if index != self._index
+        }
+        for index, trace in self._sounds.items():
+            near = [start for start, time in trace.overlaps if abs(time - run.first) < LIMITS.max_difference]
+            if not near and not self._is_away(index, run):
+                return None
+            found[index] = near[0] if near else found[index][0], None
         return found
 
     def _is_away(self, index: int, run: _Run) -> bool:
