@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import struct
 from pathlib import Path
 from unittest.mock import patch
 
@@ -56,16 +57,22 @@ def test_every_form_is_written_and_read_whatever_it_is_called(tmp_path: Path, su
 @given(
     form=st.sampled_from(["heic", "avif"]), deep=st.booleans(), rows=st.integers(1, 2), columns=st.integers(1, 3),
     cut=st.tuples(st.integers(0, 15), st.integers(0, 15)), turn=st.integers(0, 3), mirror=st.sampled_from([None, 0, 1]),
+    edges=st.tuples(*[st.integers(0, 9)] * 4),
 )  # fmt: skip
 def test_tiles_are_one_picture(
-    form: str, deep: bool, rows: int, columns: int, cut: tuple[int, int], turn: int, mirror: int | None
-) -> None:
+    form: str, deep: bool, rows: int, columns: int, cut: tuple[int, int], turn: int, mirror: int | None,
+    edges: tuple[int, int, int, int],
+) -> None:  # fmt: skip
     image = smooth(64 * rows, 64 * columns, np.uint16 if deep else np.uint8)
     tiles = [[image[64 * r :, 64 * c :][:64, :64] for c in range(columns)] for r in range(rows)]
     size = image.shape[0] - cut[0], image.shape[1] - cut[1]
-    properties = [box(b"irot", bytes([turn]))] + ([] if mirror is None else [box(b"imir", bytes([mirror]))])
+    left, top, right, bottom = edges
+    kept = size[1] - left - right, 1, size[0] - top - bottom, 1, left - right, 2, top - bottom, 2
+    properties = [box(b"clap", struct.pack(">IIIIiIiI", *kept)), box(b"irot", bytes([turn]))] + (
+        [] if mirror is None else [box(b"imir", bytes([mirror]))]
+    )
     data = grid_file(tiles, size, form, bits=10 if deep else 8, properties=properties)
-    shown = np.rot90(image[: size[0], : size[1]], turn)
+    shown = np.rot90(image[top : size[0] - bottom, left : size[1] - right], turn)
     shown = shown if mirror is None else np.flip(shown, mirror)
     read = _read(data, Path("unused.heic"))
     assert apart(read.pixels, shown) < 2
