@@ -25,6 +25,8 @@ OWN_SUFFIXES = (".report.json", ".report.html", ".tracks.json", ".tracks.jpg", "
 VIDEO_SUFFIXES = frozenset(
     {
         ".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mpg", ".mpeg", ".ts", ".mts", ".m2ts", ".3gp", ".3g2",
+        ".m2t", ".mod", ".tod", ".qt", ".divx", ".ogm", ".rm", ".rmvb", ".h264", ".264", ".h265", ".265", ".hevc",
+        ".ivf", ".obu", ".m1v", ".m2v", ".mjpeg", ".mjpg",
         ".flv", ".f4v", ".wmv", ".asf", ".ogv", ".nut", ".mxf", ".vob", ".dv", ".gif", ".apng", ".y4m",
     }
 )  # fmt: skip
