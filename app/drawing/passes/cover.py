@@ -279,7 +279,6 @@ class _Cells:
         x, y = np.minimum(np.round(places).astype(int), np.array(reference.size[::-1]) - 1).T
         self.beyond = None if beyond is None else beyond[y, x]
         around = soft_parts(reference, (RIGHT_BROW, LEFT_BROW, *EYES), GROWTH / 2)
-        self._hair_weight = np.asarray(1 - around[y, x], np.float32)
         self._beard = None if beard is None or not beard.any() else beard[y, x]
         self._face = reference.mask[y, x].reshape(self._grid.size)
         self._area = int(self._face.sum())
@@ -287,7 +286,8 @@ class _Cells:
         self._rim = self._face & (
             cv2.erode(np.pad(self._face.astype(np.uint8), 1), np.ones((reach, reach)))[1:-1, 1:-1] == 0
         )
-        self._frame_weight = np.asarray(1 - soft_parts(reference, EYES, 0.0)[y, x], np.float32)
+        eyes = soft_parts(reference, EYES, 0.0)
+        self._weights = np.asarray([1 - around[y, x], 1 - eyes[y, x]], np.float32)  # of hair and of frames
         middle = 2 * reference.points[NOSE_ROOT, 0] / self._grid.cell
         self._mirrored = np.clip(np.round(middle - np.arange(width)).astype(int), 0, width - 1)
         reach = 2 * round(LIMITS.mirror_face_widths / CELL) + 1
@@ -299,8 +299,9 @@ class _Cells:
 
     def in_front(self, thing: F32, hair: F32, frame: F32, lens: F32) -> tuple[F32, F32]:
         """Shares (n,) of the cells that objects hide, and that hair and glasses do."""
-        glasses = self._on_both_sides(np.maximum(frame * self._frame_weight, lens))
-        return thing, np.maximum(hair * self._hair_weight, glasses)
+        of_hair, of_frames = self._weights
+        glasses = self._on_both_sides(np.maximum(frame * of_frames, lens))
+        return thing, np.maximum(hair * of_hair, glasses)
 
     def have_moved(self, thing: F32, before: F32 | None) -> bool:
         """Whether things that hide shares (n,) of the cells do not lie over the face as before."""
