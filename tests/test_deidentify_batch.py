@@ -279,3 +279,10 @@ def test_an_input_elsewhere_that_vanished_is_a_sentence(here: Path, done: list[A
     assert (
         entry.sentence == "memory://films/a.mp4 does not exist: give a file, a folder or a pattern that does"
     )
+
+
+def test_a_file_elsewhere_that_is_gone_counts_as_unreadable(here: Path, done: list[Any], bucket: Any) -> None:
+    pairs = pairs_of("memory://films/a.mp4", output="out/")
+    bucket.rm_file("/films/a.mp4")
+    (entry,) = run_batch(pairs, RUN, Watched())
+    assert entry.code == exit_code([entry]) == 2

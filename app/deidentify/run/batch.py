@@ -161,7 +161,9 @@ def _attempt(
 
 def _failure(error: Exception, pair: FilePair) -> int:
     """Whether a file could not be read at all, or failed later."""
-    return UNREAD if isinstance(error, UnreadableError) and not _work_of(pair).exists() else FAILED
+    missing = isinstance(error, remote.RemoteError) and not pair.input.exists()
+    unread = isinstance(error, UnreadableError) and not _work_of(pair).exists()
+    return UNREAD if missing or unread else FAILED
 
 
 def _why_failed(error: Exception, pair: FilePair) -> str:
