@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import av
 import pytest
-from recordings import RATE, STEP, join, record, steps, times
+from recordings import RATE, SAMPLES, STEP, join, record, steps, times
 
 from guise.app.media import EncodeOptions, open_input, open_sink, process
 from guise.app.media.audio_reader import AudioReader
@@ -65,6 +65,20 @@ def test_what_was_joined_goes_on_steadily(tmp_path: Path, suffix: str, starts: t
     last, begin = counts[-1]
     apart = [p - s for p, s in [(pictures[-1], sound[-1]), (last[-1], begin[-1])]]
     assert float(apart[0]) == pytest.approx(float(apart[1]), abs=0.02)
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv", ".ts"])
+def test_sound_whose_channels_change_keeps_its_pitch(tmp_path: Path, suffix: str) -> None:
+    """Packets of AAC in .ts say what they are; elsewhere the file says it once, for all of them."""
+    parts = [record(tmp_path / f"{kind}.ts", layout=kind) for kind in ("stereo", "mono")]
+    target, notes = copied(join(tmp_path / "joined.ts", *parts), suffix)
+    assert ["change of its rate or channels" in note for note in notes] == [False] + [True] * (
+        suffix != ".ts"
+    )
+    with av.open(str(target)) as media:
+        found = [(f.layout.name, f.samples) for f in media.decode(audio=0)]
+    assert {layout for layout, _ in found} == {"stereo"} | ({"mono"} if suffix == ".ts" else set())
+    assert sum(samples for _, samples in found) / SAMPLES == pytest.approx(2, abs=0.1)
 
 
 def test_streams_that_begin_too_late_to_be_known_are_named(tmp_path: Path) -> None:

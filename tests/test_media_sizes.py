@@ -177,3 +177,15 @@ def test_recordings_that_overlap_by_a_few_pictures_are_joined_with_one_note(tmp_
         assert len(media.problems) == 1
     assert len(found) == 60
     assert set(np.diff(found)) == {3000}
+
+
+def test_a_change_in_a_stream_without_times_is_told_at_its_own_picture(tmp_path: Path) -> None:
+    data = b""
+    for size in [(160, 120), (66, 120)]:
+        joined_streams(tmp_path / "a.ts", [size], 12)
+        with av.open(str(tmp_path / "a.ts")) as media:
+            data += b"".join(bytes(packet) for packet in media.demux(video=0))
+    (tmp_path / "a.h264").write_bytes(data)
+    with open_input(tmp_path / "a.h264") as media:
+        found = [float(frame.pts * frame.time_base) for frame in media]
+        assert any(f"At {found[12]:.2f} s the picture changes to 66 x 120" in note for note in media.problems)

@@ -29,6 +29,7 @@ _WITH_GAPS = frozenset({"mpegts", "mpeg", "ogg", "flv", "live_flv"})
 _JOINABLE = _WITH_GAPS | {"matroska", "webm"}  # byte by byte; the others' times ascend by construction
 _FOLLOWED = ("audio", "video")
 _MAX_FAILED_READS = 64  # in a row
+_ADTS_KIND = b"\xfd\xc0"  # profile, rate and channels in bytes 2 and 3 of its header (ISO/IEC 13818-7, 6.2)
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,7 @@ class FileClock:
     start, end, pictures : of the pictures, seconds and number, where the file was read for it; otherwise 0.
     small : number of jumps that nobody notices, of recordings that overlap by a few pictures.
     moved_by : how much later than the file's own it begins, seconds, see `moved`.
+    varying : indices of the sounds whose rate or channels change, by the headers of their packets.
     """
 
     steps: Mapping[int, tuple[ClockChange, ...]] = field(default_factory=dict)
@@ -71,6 +73,7 @@ class FileClock:
     pictures: int = 0
     moved_by: Fraction = Fraction(0)
     small: int = 0
+    varying: frozenset[int] = frozenset()
 
     def shift(self, index: int) -> Fraction:
         """What is added to the times of a stream's first packets, seconds."""
@@ -218,11 +221,14 @@ class _Trace:
     """The runs of one stream, while its packets are read.
 
     is_video : whether times of a keyframe that overlap those before begin a run, as in another recording.
+    is_aac : whether packets may begin with ADTS headers.   headers : those, as far as they tell rate and channels.
     overlaps : of other streams, packets with a time before that of the last one, and that time in seconds.
     """
 
-    def __init__(self, stream: Stream, *, is_video: bool = False) -> None:
+    def __init__(self, stream: Stream, *, is_video: bool = False, is_aac: bool = False) -> None:
         self._is_video = is_video
+        self._is_aac = is_aac
+        self.headers: set[bytes] = set()
         self.overlaps: list[tuple[int, Fraction]] = []
         self.unit = Fraction(stream.time_base or 1)
         self.runs: list[_Run] = []
@@ -249,6 +255,8 @@ class _Trace:
         back = self._step_back(dts if dts is None or pts is None else min(dts, pts), least)
         if pts is not None:
             self._place(pts, back, traces)
+        if self._is_aac and (begin := bytes(memoryview(packet)[:4]))[:1] == b"\xff":
+            self.headers.add(bytes(one & kept for one, kept in zip(begin[2:], _ADTS_KIND, strict=True)))
         self.packets += 1
 
     def _step_back(self, dts: int | None, least: int) -> int:
@@ -292,7 +300,10 @@ def _scanned(path: str, size: int, changed: int, video: int, early: Fraction) ->
     """
     with av.open(path, metadata_errors="surrogateescape") as container:
         kinds = set(container.format.name.split(","))
-        traces = {s.index: _Trace(s, is_video=s.index == video) for s in container.streams}
+        aac = {s.index for s in container.streams.audio if s.codec_context and s.codec_context.name == "aac"}
+        traces = {
+            s.index: _Trace(s, is_video=s.index == video, is_aac=s.index in aac) for s in container.streams
+        }
         for packet in _packets(container):
             traces[packet.stream_index].feed(packet, traces)
         sounds = {s.index: traces[s.index] for s in container.streams.audio if traces[s.index].packets}
@@ -324,6 +335,7 @@ class _Joined:
     ) -> None:  # fmt: skip
         self._video, self._index, self._sounds = traces[video], video, sounds
         self._closes_gaps = closes_gaps
+        self._varying = frozenset(index for index, sound in sounds.items() if len(sound.headers) > 1)
         self._steps = {index: [ClockChange(0, early, None)] for index in traces}
         self._next_run = dict.fromkeys(sounds, 1)
 
@@ -342,7 +354,7 @@ class _Joined:
         return FileClock(
             {index: tuple(steps) for index, steps in self._steps.items()}, tuple(jumps),
             runs[0].first + own[0].added, runs[-1].last + self._video.step + own[-1].added, self._video.packets,
-            small=small,
+            small=small, varying=self._varying,
         )  # fmt: skip
 
     def _followers(self, before: _Run, run: _Run) -> dict[int, tuple[int, _Run | None]] | None:

@@ -421,6 +421,7 @@ class VideoReader(Closing):
 
     def _prepare(self, picture: av.VideoFrame, pts: int) -> av.VideoFrame:
         """A picture in a native format and the size of the first, with its time stamp."""
+        picture.pts = pts
         converted = self._convert(picture)
         converted.pts, converted.time_base = pts, self.time_base
         self._last = pts

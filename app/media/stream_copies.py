@@ -54,6 +54,7 @@ _FALLBACKS = (".mp4", ".mkv")  # of a result that the input's own container does
 _MOST_NAMED = 3  # streams of one kind in a note
 _WIDEST = "matroska"  # the container that holds the most
 _CODE = re.compile(r"\d\d:[0-5]\d:[0-5]\d[:;.]\d\d")
+_WITH_SOUND_HEADERS = frozenset({"mpegts"})  # whose packets of AAC tell their rate and channels
 _ROTATING = frozenset({"mp4", "mov", "matroska", "ipod", "3gp", "3g2"})
 
 
@@ -129,13 +130,17 @@ class StreamCopier:
             return reason
         voice: Voice = "keep" if audio == "drop" or not isinstance(stream, AudioStream) else audio
         copied = [*self._copied, stream]
-        if voice == "keep" and self._trial.keeps(stream) and self._trial.takes(copied, self._encodings):
+        varies = stream.index in media.clock.varying and self._output.format.name not in _WITH_SOUND_HEADERS
+        if (
+            voice == "keep" and not varies
+            and self._trial.keeps(stream) and self._trial.takes(copied, self._encodings)
+        ):  # fmt: skip
             self._add_copy(stream)
             return None
         if (
             isinstance(stream, AudioStream)
             and stream.codec_context is not None
-            and self._add_anew(stream, voice)
+            and self._add_anew(stream, voice, varies=varies)
         ):
             return None
         if self._timecode and stream.metadata.get("timecode") == self._timecode:
@@ -156,7 +161,7 @@ class StreamCopier:
             copy.codec_context.extradata = without_vorbis_comments(stream.codec_context.extradata or b"")
         self._streams[stream.index] = copy
 
-    def _add_anew(self, stream: AudioStream, voice: Voice) -> bool:
+    def _add_anew(self, stream: AudioStream, voice: Voice, *, varies: bool) -> bool:
         """Add a stream that is encoded anew; whether there is an encoder that the output takes."""
         known = sound_encodings(stream, own=self._trial.keeps(stream))
         fitting = (e for e in known if self._trial.takes(self._copied, [*self._encodings, e]))
@@ -168,9 +173,10 @@ class StreamCopier:
         anew.stream.metadata.update(_metadata(stream, self._private))
         if voice == "keep":
             mixed = "" if encoding.layout == named_layout(stream.layout.name) else f", {encoding.layout}"
+            held = "a change of its rate or channels" if varies else "it"
             self._problems.note(
                 f"{_title(stream)} was encoded anew as {encoding.name}{mixed}, "
-                f"as {self._output.format.name} cannot hold it."
+                f"as {self._output.format.name} cannot hold {held}."
             )
         return True
 
