@@ -1,7 +1,9 @@
 """A picture laid out, warped and blended into the frame; what lies beside the face stays to the bit."""
 
 from collections.abc import Iterator
+from fractions import Fraction
 
+import av
 import numpy as np
 import pytest
 from drawing import face_at, grid_points, parsing_of
@@ -10,8 +12,10 @@ from numpy.testing import assert_array_equal
 from guise.aam.parsing import FaceClass
 from guise.aam.reference import ReferenceFrame
 from guise.aam.relief import Relief
+from guise.app.drawing.face import FaceInFrame
 from guise.app.drawing.memory import Memory
 from guise.app.drawing.passes.blend import Blend
+from guise.app.media.frame import Frame
 from guise.common.arrays import F32, U8
 from guise.render import feather
 
@@ -113,6 +117,27 @@ def test_a_large_face_is_drawn_from_a_finer_picture(blend: Blend) -> None:
     blend.composite(face, memory)
     x, y = (grid_points(FRAME, 2.0).mean(0) - face.canvas.corner).astype(int)
     assert np.ptp(face.canvas.roi[y - 5 : y + 6, x - 5 : x + 6, 0]) > 60
+
+
+@pytest.mark.parametrize("fmt", ["rgb24", "yuv420p", "yuvj444p"])
+@pytest.mark.parametrize("tinted", [False, True])
+def test_a_face_in_a_picture_without_colour_has_none(blend: Blend, fmt: str, tinted: bool) -> None:
+    rgb = np.random.default_rng(1).integers(0, 256, (*SIZE, 1)).astype(np.uint8).repeat(3, axis=2)
+    if tinted:
+        rgb[60:80, 60:80, 0] //= 2
+    video = av.VideoFrame.from_ndarray(rgb, "rgb24").reformat(format=fmt)
+    frame = Frame.from_rgb(rgb) if fmt == "rgb24" else Frame(video, pts=0, time_base=Fraction(1, 30), index=0)
+    before, points = frame.copy().rgb(), grid_points(FRAME, 1.0) + np.array([40, 35])
+    face, memory = FaceInFrame(frame, points, points, mesh=points), Memory()
+    blend.spread(face, memory)
+    blend.begin(face, memory)
+    face.canvas.planes = planes(0) + np.array([[180], [90], [150]], np.float32)
+    blend.scatter(face, memory)
+    blend.composite(face, memory)
+    blend.write(face, memory)
+    drawn = frame.rgb().astype(int)
+    assert (np.abs(drawn - before).max(axis=2) > 9).mean() > 0.05
+    assert (np.ptp(drawn[inner(FRAME.mask, 8)], axis=2).max() > 20) == tinted
 
 
 def test_it_says_what_draws(blend: Blend) -> None:

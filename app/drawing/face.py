@@ -82,6 +82,7 @@ class Canvas:
     fold : where the mesh is folded; None is nowhere.
     mesh : (81 + k, 2) of the relief, pixels of the frame.
     roi, corner : the rectangle (h, w, 3) uint8 of the frame, and x, y where it begins.
+    is_grey : whether the frame has no colour there.
     """
 
     texture: F32
@@ -95,6 +96,7 @@ class Canvas:
     mesh: F64 = field(default_factory=lambda: NOWHERE)
     roi: U8 = field(default_factory=lambda: BLANK)
     corner: tuple[int, int] = (0, 0)
+    is_grey: bool = False
 
     @property
     def is_outside(self) -> bool:
