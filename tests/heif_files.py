@@ -12,11 +12,11 @@ from guise.app.media.heif_writer import write_heif
 
 def grid_file(
     tiles: Sequence[Sequence[np.ndarray]], size: tuple[int, int], form: str, *, bits: int = 8,
-    properties: Sequence[bytes] = (), profile: bytes | None = None,
+    properties: Sequence[bytes] = (), profile: bytes | None = None, derived: bool = False,
 ) -> bytes:  # fmt: skip
     """A file of rows of tiles (h, w, 3), uint8 or uint16, of which (height, width) from the upper left is the picture.
 
-    properties : transformations of the whole, as boxes.
+    properties : transformations of the whole, as boxes.   derived : whether they are those of an item of its own.
     """
     coded = [
         main_item(write_heif(HeifPicture(tile, None, bits, None, None), form, b""))
@@ -35,11 +35,16 @@ def grid_file(
         for k, (item, _) in enumerate(coded)
     ]
     kinds.append(full_box(b"infe", struct.pack(">HH4sx", whole, 0, b"grid"), version=2))
+    main = whole + derived
+    if derived:
+        kinds.append(full_box(b"infe", struct.pack(">HH4sx", main, 0, b"iden"), version=2))
     grid = struct.pack(">BBBBHH", 0, 0, len(tiles) - 1, len(tiles[0]) - 1, *size[::-1])
     # tiles have the first, second and fourth properties; the grid the third and all from the fourth
     uses = [struct.pack(">HB3B", k + 1, 3, 0x81, 2, 4) for k in range(len(coded))]
-    uses.append(struct.pack(">HB", whole, len(known) - 2) + bytes(range(3, len(known) + 1)))
+    own = [*range(5, len(known) + 1)]
+    uses += [_uses(whole, [3, 4]), _uses(main, [3, *own])] if derived else [_uses(whole, [3, 4, *own])]
     parts = struct.pack(">H", len(coded)) + b"".join(struct.pack(">H", k + 1) for k in range(len(coded)))
+    links = [box(b"dimg", struct.pack(">HHH", main, 1, whole))] * derived
     head = box(b"ftyp", form.encode(), bytes(4), b"mif1", form.encode())
 
     def meta(start: int) -> bytes:
@@ -49,12 +54,17 @@ def grid_file(
             start += len(data)
         places += struct.pack(">HHHHII", whole, 1, 0, 1, 0, len(grid))
         return full_box(
-            b"meta", full_box(b"hdlr", bytes(4), b"pict", bytes(13)), full_box(b"pitm", struct.pack(">H", whole)),
+            b"meta", full_box(b"hdlr", bytes(4), b"pict", bytes(13)), full_box(b"pitm", struct.pack(">H", main)),
             full_box(b"iloc", b"\x44\0", struct.pack(">H", whole), places, version=1),
             full_box(b"iinf", struct.pack(">H", whole), *kinds),
-            full_box(b"iref", box(b"dimg", struct.pack(">H", whole), parts)),
-            box(b"iprp", box(b"ipco", *known), full_box(b"ipma", struct.pack(">I", whole), *uses)),
+            full_box(b"iref", box(b"dimg", struct.pack(">H", whole), parts), *links),
+            box(b"iprp", box(b"ipco", *known), full_box(b"ipma", struct.pack(">I", main), *uses)),
             box(b"idat", grid),
         )  # fmt: skip
 
     return head + meta(len(head) + len(meta(0)) + 8) + box(b"mdat", *[data for _, data in coded])
+
+
+def _uses(item: int, numbers: Sequence[int]) -> bytes:
+    """The properties of an item, by number."""
+    return struct.pack(">HB", item, len(numbers)) + bytes(numbers)

@@ -57,11 +57,11 @@ def test_every_form_is_written_and_read_whatever_it_is_called(tmp_path: Path, su
 @given(
     form=st.sampled_from(["heic", "avif"]), deep=st.booleans(), rows=st.integers(1, 2), columns=st.integers(1, 3),
     cut=st.tuples(st.integers(0, 15), st.integers(0, 15)), turn=st.integers(0, 3), mirror=st.sampled_from([None, 0, 1]),
-    edges=st.tuples(*[st.integers(0, 9)] * 4),
+    edges=st.tuples(*[st.integers(0, 9)] * 4), derived=st.booleans(),
 )  # fmt: skip
 def test_tiles_are_one_picture(
     form: str, deep: bool, rows: int, columns: int, cut: tuple[int, int], turn: int, mirror: int | None,
-    edges: tuple[int, int, int, int],
+    edges: tuple[int, int, int, int], derived: bool,
 ) -> None:  # fmt: skip
     image = smooth(64 * rows, 64 * columns, np.uint16 if deep else np.uint8)
     tiles = [[image[64 * r :, 64 * c :][:64, :64] for c in range(columns)] for r in range(rows)]
@@ -71,7 +71,7 @@ def test_tiles_are_one_picture(
     properties = [box(b"clap", struct.pack(">IIIIiIiI", *kept)), box(b"irot", bytes([turn]))] + (
         [] if mirror is None else [box(b"imir", bytes([mirror]))]
     )
-    data = grid_file(tiles, size, form, bits=10 if deep else 8, properties=properties)
+    data = grid_file(tiles, size, form, bits=10 if deep else 8, properties=properties, derived=derived)
     shown = np.rot90(image[top : size[0] - bottom, left : size[1] - right], turn)
     shown = shown if mirror is None else np.flip(shown, mirror)
     read = _read(data, Path("unused.heic"))
@@ -315,3 +315,9 @@ def test_the_cases_are_pictures_of_their_full_size(name: str, size: tuple[int, i
     with open_input(CASES / name) as source:
         assert (source.kind, source.width, source.height) == ("image", *size)
         assert next(iter(source)).rgb().std() > 20
+
+
+def test_a_heif_file_of_a_kind_that_is_not_read_is_not_called_damaged() -> None:
+    data = grid_file([[smooth(64, 64)]], (64, 64), "heic").replace(b"grid", b"iovl")
+    with pytest.raises(MediaError, match="holds a picture of kind 'iovl', which Guise does not read"):
+        _read(data, Path("unused.heic"))

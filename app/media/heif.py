@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -76,6 +77,8 @@ def read_heif(data: bytes) -> HeifPicture:
     """The main picture of a HEIF file.  Raises MediaError with what is wrong, to follow the name of the file."""
     try:
         return _Heif(data).picture()
+    except MediaError:
+        raise
     except (struct.error, KeyError, IndexError, ValueError, cv2.error, av.error.FFmpegError) as error:
         raise MediaError("is a damaged HEIC or AVIF file: copy it anew from where it was taken.") from error
 
@@ -105,6 +108,11 @@ class _Heif:
 
     def picture(self) -> HeifPicture:
         item = self.items[self.main]
+        turns = [*item.properties]
+        while item.kind == b"iden" and self._parts(self.main):  # another item, turned (6.6.2.1)
+            self.main = self._parts(self.main).pop(0)
+            item = self.items[self.main]
+            turns = [*item.properties, *turns]
         decoded, about = self._decode(self.main), self._coloured(self.main)
         code_points, matrix, span = None, decoded.matrix, decoded.span
         profile = None
@@ -116,10 +124,10 @@ class _Heif:
                 profile = body[4:]
         pixels = to_rgb(replace(decoded, matrix=matrix, span=span))
         alpha = self._alpha()
-        shown = _transformed(pixels, item)
+        shown = _transformed(pixels, turns)
         if alpha is not None and alpha.shape != pixels.shape[:2]:
             alpha = np.asarray(cv2.resize(alpha, pixels.shape[1::-1]), alpha.dtype)
-        covered = None if alpha is None else _transformed(alpha.astype(pixels.dtype), item)
+        covered = None if alpha is None else _transformed(alpha.astype(pixels.dtype), turns)
         return HeifPicture(shown, covered, decoded.bits, profile, code_points)
 
     def _coloured(self, number: int) -> Item:
@@ -273,9 +281,9 @@ def _has_sequence_header(data: bytes) -> bool:
     return data[:1] in (b"\x0a", b"\x08") or data[:3] == b"\x12\x00\x0a"
 
 
-def _transformed(plane: Plane, item: Item) -> Plane:
+def _transformed(plane: Plane, properties: Sequence[tuple[bytes, bytes]]) -> Plane:
     """A decoded picture as shown: cropped, turned and mirrored as its properties say, in their order."""
-    for name, body in item.properties:
+    for name, body in properties:
         if name == b"clap":
             plane = _cropped(plane, body)
         elif name == b"irot" and body[0] & 3:
