@@ -57,7 +57,7 @@ def test_a_part_holds_the_frames_of_the_whole(
     first = whole[0][0]
     wanted = [(time, luma) for time, luma in whole if part.holds(time - first)]
     if not wanted:
-        with pytest.raises(MediaError, match=r"lies after the end|shows no picture"):
+        with pytest.raises(MediaError, match=r"lies after the last picture|shows no picture"):
             shown(path, part)
         return
     found = shown(path, part)

@@ -287,7 +287,9 @@ class VideoPart(VideoInput):
         first = self._move(math.ceil((begin + part.start) / self.time_base) * self.time_base)
         if first is None:
             lasts = "" if self.duration is None else f", which lasts {float(self.duration):.2f} s"
-            raise MediaError(f"--from {float(part.start):g} lies after the end of {self.name}{lasts}.")
+            raise MediaError(
+                f"--from {float(part.start):g} lies after the last picture of {self.name}{lasts}."
+            )
         if part.end is not None:
             self._length = begin + part.end + self.clock.shift(self.stream.index) - whole
             if self._length <= 0:

@@ -459,7 +459,7 @@ def check_free(path: Path, media: MediaInput, force: bool) -> None:
 def _check_image(path: Path, media: MediaInput, options: EncodeOptions) -> None:
     if media.kind != "image":
         raise MediaError(
-            f"{path.name} is one image but {media.name} is not: write to out.webp, which moves, or "
+            f"The output {path.name} is one image but {media.name} is not: write to out.webp, which moves, or "
             "to a video such as out.mp4."
         )
     if options.lossless and (form := lossy_form(path.suffix)):
