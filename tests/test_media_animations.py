@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from PIL import Image, ImageCms
 
 from guise.app.media import EncodeOptions, MediaError, open_input, open_sink
+from guise.app.media.images import read_deep
 from guise.app.media.input import AnimationInput
 
 CASES = Path(__file__).parents[2] / "shared" / "cases" / "media"
@@ -240,6 +241,22 @@ def test_pages_of_a_tiff_stay_pages_and_previews_are_none(tmp_path: Path, dtype:
     (tmp_path / "two.tif").write_bytes(data)
     with open_input(tmp_path / "two.tif") as media:
         assert (media.kind, media.frame_count) == ("images", 2)
+
+
+def test_pages_in_other_colours_are_converted_or_refused_and_not_called_damaged(tmp_path: Path) -> None:
+    first, second = (Image.fromarray(rgb) for rgb in pictures(2))
+    cyan = [picture.convert("CMYK") for picture in (first, second)]
+    cyan[0].save(tmp_path / "one.tif")
+    cyan[0].save(tmp_path / "two.tif", save_all=True, append_images=cyan[1:])
+    np.testing.assert_array_equal(read_deep(tmp_path / "one.tif").pixels, np.asarray(first))
+    with open_input(tmp_path / "two.tif") as media:
+        for frame, picture in zip(media, (first, second), strict=True):
+            np.testing.assert_array_equal(frame.rgb(), np.asarray(picture))
+            assert frame.opacity() is None
+    deep = [np.asarray(first), np.zeros((9, 9), np.float32)]
+    assert cv2.imwritemulti(str(tmp_path / "float.tif"), deep)
+    with open_input(tmp_path / "float.tif") as media, pytest.raises(MediaError, match="Page 2 of float"):
+        list(media)
 
 
 def test_views_of_a_stereo_camera_are_kept_and_previews_are_none(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from fractions import Fraction
 from itertools import count
@@ -14,8 +14,9 @@ import cv2
 import numpy as np
 
 from guise.app.media import ifd
+from guise.app.media.errors import MediaError
 from guise.app.media.file_kind import FileKind, format_of, views
-from guise.app.media.images import DeepImage, reading_errors, shown
+from guise.app.media.images import CMYK, DeepImage, fitting, reading_errors, require_plain, shown
 from guise.app.media.reader import ProblemLog
 
 TIME_BASE = Fraction(
@@ -46,6 +47,8 @@ class Pictures:
             for picture in self._animated() if self._moves else self._pages():
                 yield picture
                 read += 1
+        except MediaError:
+            raise
         except reading_errors():
             self.problems.note_damage(
                 f"{self.path.name} is damaged after {read} of its pictures; the rest is missing."
@@ -81,25 +84,34 @@ class Pictures:
         """Each page or view, and 0."""
         data = self.path.read_bytes()
         if format_of(data) == "tiff":
-            numbers = ifd.pages(io.BytesIO(data))
+            kinds = ifd.pages(io.BytesIO(data))
             profile = ifd.read_values(data).get(ifd.PROFILE)
             whole = np.frombuffer(data, np.uint8)
-            self.count = len(numbers)
-            for number in numbers:
+            self.count = len(kinds)
+            for number, kind in kinds.items():
+                if kind == CMYK:
+                    yield from _views(data, [number])
+                    continue
                 done, found = cv2.imdecodemulti(whole, cv2.IMREAD_UNCHANGED, range=(number, number + 1))
-                if not done or found[0].dtype not in (np.uint8, np.uint16):
+                if not done:
                     raise ValueError("a page cannot be read")
+                require_plain(f"Page {number + 1} of {self.path.name}", found[0], kind)
                 yield shown(np.asarray(found[0]), b"", profile), 0
             return
-        from PIL import Image, ImageOps
-
         numbers = views(io.BytesIO(data))
         self.count = len(numbers)
-        with Image.open(io.BytesIO(data)) as picture:
-            for number in numbers:
-                picture.seek(number)
-                rgb = np.asarray(ImageOps.exif_transpose(picture).convert("RGB"), np.uint8)
-                yield DeepImage(rgb, None, picture.info.get("icc_profile")), 0
+        yield from _views(data, numbers)
+
+
+def _views(data: bytes, numbers: Sequence[int]) -> Iterator[tuple[DeepImage, int]]:
+    """Pages or views as Pillow reads them, 8 bits per component, each with 0."""
+    from PIL import Image, ImageOps
+
+    with Image.open(io.BytesIO(data)) as picture:
+        for number in numbers:
+            picture.seek(number)
+            rgb = np.asarray(ImageOps.exif_transpose(picture).convert("RGB"), np.uint8)
+            yield DeepImage(rgb, None, fitting(picture.info.get("icc_profile"), rgb)), 0
 
 
 def _count(picture: Any) -> int:

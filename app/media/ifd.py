@@ -48,17 +48,17 @@ def read_number(data: bytes, tag: int) -> int | None:
     return int.from_bytes(value, "little" if order == "<" else "big")
 
 
-def pages(file: BinaryIO) -> list[int]:
+def pages(file: BinaryIO) -> dict[int, int | None]:
     """The numbers of a TIFF file's directories that are pictures of their own, not previews or masks; also BigTIFF.
 
-    A damaged chain ends where it cannot be followed.
+    With the photometric interpretation of each.  A damaged chain ends where it cannot be followed.
     """
     file.seek(0)
     head = file.read(16)
     order = "<" if head[:2] == b"II" else ">"
     big = head[2:4] in (b"+\0", b"\0+")
     counts, offsets, entry = ("Q", "Q", 20) if big else ("H", "I", _ENTRY)
-    found: list[int] = []
+    found: dict[int, int | None] = {}
     seen: set[int] = set()
     try:
         (start,) = struct.unpack_from(order + offsets, head, 8 if big else 4)
@@ -67,23 +67,23 @@ def pages(file: BinaryIO) -> list[int]:
             file.seek(start)
             (count,) = struct.unpack(order + counts, file.read(struct.calcsize(counts)))
             table = file.read(entry * min(count, 0xFFFF))
-            if not _is_preview(table, order, entry):
-                found.append(len(seen) - 1)
+            kind = _number(table, order, entry, SUBFILE_TYPE) or 0
+            if not kind & (1 | 4):  # smaller than another, or a mask
+                found[len(seen) - 1] = _number(table, order, entry, PHOTOMETRIC)
             (start,) = struct.unpack(order + offsets, file.read(struct.calcsize(offsets)))
     except (struct.error, OverflowError):
         pass
     return found
 
 
-def _is_preview(table: bytes, order: str, entry: int) -> bool:
-    """Whether a directory says that it is of lower resolution than another one, or a mask (NewSubfileType)."""
+def _number(table: bytes, order: str, entry: int, wanted: int) -> int | None:
+    """A tag of a directory that is one number of 16 or 32 bits, or None.   entry : bytes of each entry."""
     for i in range(0, len(table) - entry + 1, entry):
         tag, kind = struct.unpack_from(order + "HH", table, i)
-        if tag == SUBFILE_TYPE:
+        if tag == wanted:
             value = table[i + entry - (entry - 4) // 2 :][:4]
-            number = struct.unpack_from(order + ("H" if kind == _SHORT else "I"), value)[0]
-            return bool(number & (1 | 4))
-    return False
+            return int(struct.unpack_from(order + ("H" if kind == _SHORT else "I"), value)[0])
+    return None
 
 
 def with_values(data: bytes, values: Mapping[int, bytes]) -> bytes:

@@ -60,7 +60,9 @@ _DEPTHS = {
 _TELLING = frozenset({"png", "heic", "avif"})  # that say which primaries and transfer they have
 _WITHOUT_PROFILE = frozenset({"bmp", "j2k"})
 _LOSSY = frozenset({"jpeg", "heic", "avif"})
-_PLAIN = frozenset({0, 1, 2, 3, 6})  # photometric interpretations of TIFF that are grey or RGB, or become RGB
+# Photometric interpretations of TIFF that are grey or RGB, or become RGB when OpenCV reads them
+_PLAIN = frozenset({None, 0, 1, 2, 3, 6})
+CMYK = 5  # that becomes RGB when Pillow reads it
 _DNG_VERSION, _SUB_DIRECTORIES = 0xC612, 0x014A
 _SETTINGS = {
     "jpeg": (cv2.IMWRITE_JPEG_QUALITY, 95),
@@ -214,7 +216,7 @@ def _from_heif(path: Path, data: bytes) -> DeepImage:
         raise MediaError(f"{path} {error}") from error
     depth = found.bits if 8 < found.bits < 16 else None
     profile = found.profile
-    return DeepImage(found.pixels, found.alpha, _fitting(profile, found.pixels), depth, found.code_points)
+    return DeepImage(found.pixels, found.alpha, fitting(profile, found.pixels), depth, found.code_points)
 
 
 def _by_opencv(path: Path, data: bytes) -> DeepImage | None:
@@ -232,15 +234,22 @@ def _by_opencv(path: Path, data: bytes) -> DeepImage | None:
     if raw is None:
         return None
     photometric = ifd.read_short(data, ifd.PHOTOMETRIC)
-    if raw.dtype not in (np.uint8, np.uint16) or photometric not in _PLAIN | {None}:
-        raise MediaError(
-            f"{path} is neither grey nor RGB of 8 or 16 bits per component: convert it to that first."
-        )
+    if photometric == CMYK:
+        return None
+    require_plain(str(path), raw, photometric)
     stored = {int(kind): np.asarray(block).tobytes() for kind, block in zip(kinds, blocks, strict=True)}
     profile = (
         stored.get(cv2.IMAGE_METADATA_ICCP) or ifd.read_values(data).get(ifd.PROFILE) or _jp2_profile(data)
     )
     return shown(np.asarray(raw), stored.get(cv2.IMAGE_METADATA_EXIF, b""), profile)
+
+
+def require_plain(name: str, raw: NDArray[Any], photometric: int | None) -> None:
+    """Raise MediaError unless a picture as OpenCV reads it is grey or RGB."""
+    if raw.dtype not in (np.uint8, np.uint16) or photometric not in _PLAIN:
+        raise MediaError(
+            f"{name} is neither grey nor RGB of 8 or 16 bits per component: convert it to that first."
+        )
 
 
 def _has_plain_alpha(data: bytes) -> bool:
@@ -289,7 +298,7 @@ def _opened(data: bytes) -> DeepImage:
         pixels = np.asarray(picture.convert("L" if grey else "RGBA" if clear else "RGB"), np.uint8)
     alpha = np.ascontiguousarray(pixels[..., 3]) if clear else None
     colours: NDArray[np.uint8] = np.ascontiguousarray(pixels if grey else pixels[..., :3])
-    return DeepImage(colours, alpha, _fitting(profile, colours))
+    return DeepImage(colours, alpha, fitting(profile, colours))
 
 
 def _jp2_profile(data: bytes) -> bytes | None:
@@ -298,7 +307,7 @@ def _jp2_profile(data: bytes) -> bytes | None:
     return colours[3:] if colours and colours[0] in (2, 3) else None
 
 
-def _fitting(profile: bytes | None, pixels: NDArray[Any]) -> bytes | None:
+def fitting(profile: bytes | None, pixels: NDArray[Any]) -> bytes | None:
     """A profile if it is for as many components; one for CMYK no longer applies."""
     return profile if profile and profile[16:20] == (b"GRAY" if pixels.ndim == 2 else b"RGB ") else None
 
@@ -307,7 +316,7 @@ def shown(raw: NDArray[Any], exif: bytes, profile: bytes | None) -> DeepImage:
     """A decoded picture in OpenCV's channel order, turned by its EXIF orientation (OpenCV turns TIFF files itself)."""
     turn = _ORIENTATIONS.get(ifd.read_short(exif, ifd.ORIENTATION) or 1, AS_STORED)
     turned = turn.view(raw)
-    profile = _fitting(profile, turned)
+    profile = fitting(profile, turned)
     if turned.ndim == 2:
         return DeepImage(np.ascontiguousarray(turned), None, profile)
     alpha = np.ascontiguousarray(turned[..., 3]) if turned.shape[2] == 4 else None
