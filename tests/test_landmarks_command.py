@@ -374,7 +374,10 @@ def test_faces_below_the_confidence_are_left_out(here: Path, capsys: pytest.Capt
         (["clip.mkv", "-o", "mixed", "--force"], "mixed holds files other than .pts"),
         (["clip.mkv", "-o", "full"], "full exists: use --force to replace it"),
         (["clip.mkv", "-o", "out.json", "--overlay", "old.json"], "old.json exists"),
-        (["clip.mkv", "-o", "out.json", "--overlay", "a.png"], "The output a.png is one image but clip.mkv is not"),
+        (
+            ["clip.mkv", "-o", "out.json", "--overlay", "a.png"],
+            "The output a.png is one image but clip.mkv is not",
+        ),
         (
             ["clip.mkv", "-o", "out.json", "--overlay", "out.json"],
             "out.json cannot be both output and overlay",
