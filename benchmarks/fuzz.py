@@ -41,7 +41,8 @@ from guise.app.deidentify.tracks import FileReport, Track, TrackOutcome
 from guise.app.measure.reported import read_report
 from guise.app.media import open_input
 from guise.app.media.animation_writer import FORMS, open_writer
-from guise.app.media.images import DeepImage, encode_deep, read_deep
+from guise.app.media.image_writing import encode_deep
+from guise.app.media.images import DeepImage, read_deep
 from guise.app.media.segments import scan
 from guise.app.people.recogniser import read_recogniser_card
 from guise.app.swapping.donors import KEY_FILE_FORMAT, KEY_FILE_VERSION, KeyFile, open_donor

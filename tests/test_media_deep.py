@@ -11,7 +11,8 @@ import pytest
 
 from guise.app.media import MediaError
 from guise.app.media.ifd import PROFILE, XMP, read_short, read_values, with_values
-from guise.app.media.images import DeepImage, encode_deep, lost_in, read_deep
+from guise.app.media.image_writing import encode_deep, lost_in
+from guise.app.media.images import DeepImage, read_deep
 
 RNG = np.random.default_rng(0)
 TAGS = {"comment": "Synthetic face", "digital_source_type": "http://cv.iptc.org/x"}

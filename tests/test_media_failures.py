@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from guise.app.media import EncodeOptions, Frame, MediaError, open_input, open_sink, process
-from guise.app.media.images import encode_image
+from guise.app.media.image_writing import encode_image
 
 SAMPLE = Path(__file__).parents[1] / "sample_videos" / "p01" / "talk2.mp4"
 FAST = EncodeOptions(preset="ultrafast", crf=35)

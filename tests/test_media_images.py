@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from guise.app.media import EncodeOptions, Frame, MediaError, open_input, open_sink, process
-from guise.app.media.images import encode_image, read_deep
+from guise.app.media.image_writing import encode_image
+from guise.app.media.images import read_deep
 
 USUAL = EncodeOptions()
 

@@ -20,7 +20,8 @@ from PIL import Image
 from guise.app.media import Frame, MediaError, open_input, open_sink
 from guise.app.media.boxes import box
 from guise.app.media.file_kind import IMAGE_SUFFIXES, kind_of
-from guise.app.media.images import DeepImage, encode_deep, lost_in, read_deep
+from guise.app.media.image_writing import encode_deep, lost_in
+from guise.app.media.images import DeepImage, read_deep
 
 CASES = Path(__file__).parents[2] / "shared" / "cases" / "media"
 TAGS = {"comment": "Synthetic face", "digital_source_type": "http://cv.iptc.org/x"}

@@ -12,7 +12,7 @@ import pytest
 from test_media import FAST, UNEVEN, add_sound, make_clip, run
 from test_media_packets import put_together
 
-from guise.app.media.images import encode_image, xmp
+from guise.app.media.image_writing import encode_image, xmp
 from guise.app.media.stream_copies import without_vorbis_comments
 from guise.app.media.synthetic import DIGITAL_SOURCE_TYPE, synthetic_tags
 from guise.common.version import VERSION

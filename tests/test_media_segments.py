@@ -191,7 +191,7 @@ def test_images_are_one_segment(tmp_path: Path) -> None:
 
 
 def _png(rgb: np.ndarray) -> bytes:
-    from guise.app.media.images import encode_image
+    from guise.app.media.image_writing import encode_image
 
     return encode_image(rgb, None, ".png", {})
 

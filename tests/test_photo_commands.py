@@ -31,7 +31,8 @@ from guise.aam.reference import ReferenceFrame
 from guise.analogy.photo import PhotoError
 from guise.app.cli.main import main
 from guise.app.media import open_input
-from guise.app.media.images import DeepImage, encode_deep, read_deep
+from guise.app.media.image_writing import encode_deep
+from guise.app.media.images import DeepImage, read_deep
 from guise.app.photos.driving_track import DrivingTrack
 from guise.app.photos.faces import (
     PHOTO_LIMITS,

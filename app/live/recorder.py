@@ -15,7 +15,7 @@ from guise.app.live.output import Output, OutputFrame
 from guise.app.media import EncodeOptions, Frame, MediaError, MediaInput
 from guise.app.media.audio_reader import Samples
 from guise.app.media.encoding import encoding_for
-from guise.app.media.images import encode_image
+from guise.app.media.image_writing import encode_image
 from guise.app.media.input import VideoInput
 from guise.app.media.other_streams import OtherStreams
 from guise.app.media.pictures import letterboxed

@@ -19,7 +19,7 @@ from guise.app.media import colour
 from guise.app.media.boxes import box
 from guise.app.media.encoder import EncodeOptions, encoder_settings, ordinary_priority
 from guise.app.media.errors import MediaError
-from guise.app.media.images import XMP_BOX, with_chunk, with_tags, xmp
+from guise.app.media.image_writing import XMP_BOX, with_chunk, with_tags, xmp
 from guise.app.media.yuv import from_rgb
 
 FORMS = {".gif": "gif", ".webp": "webp", ".png": "apng", ".apng": "apng", ".avif": "avif"}

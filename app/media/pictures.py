@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from guise.app.media.images import encode_image
+from guise.app.media.image_writing import encode_image
 from guise.common.arrays import U8
 from guise.common.files import write_whole
 

@@ -16,7 +16,8 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from guise.app.media.errors import MediaError
-from guise.app.media.images import encode_image, list_images
+from guise.app.media.image_writing import encode_image
+from guise.app.media.images import list_images
 from guise.app.media.synthetic import DIGITAL_SOURCE_TYPE
 from guise.common.files import write_whole
 from guise.common.version import VERSION

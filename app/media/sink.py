@@ -25,16 +25,8 @@ from guise.app.media.encoding import Encoding, encoding_for
 from guise.app.media.errors import MediaError, reason
 from guise.app.media.file_kind import READ_ONLY_SUFFIXES, has_image_name
 from guise.app.media.frame import Frame
-from guise.app.media.images import (
-    PAGES,
-    DeepImage,
-    can_write,
-    changed,
-    encode_deep,
-    encode_pages,
-    lossy_form,
-    lost_in,
-)
+from guise.app.media.image_writing import PAGES, can_write, encode_deep, encode_pages, lossy_form, lost_in
+from guise.app.media.images import DeepImage, changed
 from guise.app.media.input import AnimationInput, ImageInput, MediaInput, VideoInput, VideoPart
 from guise.app.media.pictures import letterboxed
 from guise.app.media.pipes import is_pipe, written_as

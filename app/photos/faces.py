@@ -17,7 +17,8 @@ from guise.aam.landmarks.schemes import RIGID_WEIGHTS
 from guise.aam.reference import ReferenceFrame
 from guise.aam.similarity import align_planar
 from guise.analogy.photo import PhotoError
-from guise.app.media.images import DeepImage, lost_in, read_deep
+from guise.app.media.image_writing import lost_in
+from guise.app.media.images import DeepImage, read_deep
 from guise.app.media.profiles import ProfileError, converted
 from guise.app.swapping.puppet import PINNED_POINTS, PoseRemover
 from guise.common.arrays import F64

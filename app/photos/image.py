@@ -13,7 +13,8 @@ import numpy as np
 
 from guise.aam.landmarks import Landmarker, open_landmarker
 from guise.analogy.photo import PhotoAnalogy
-from guise.app.media.images import IMAGE_SUFFIXES, DeepImage, encode_deep
+from guise.app.media.image_writing import encode_deep
+from guise.app.media.images import IMAGE_SUFFIXES, DeepImage
 from guise.app.media.pictures import Picture, labelled, sheet
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.photos.faces import (

@@ -11,7 +11,7 @@ from nicegui import run, ui
 from starlette.responses import PlainTextResponse, Response
 
 from guise.aam.model import Identity, ModelError, read_header
-from guise.app.media.images import encode_image
+from guise.app.media.image_writing import encode_image
 from guise.app.people.montage import draw
 from guise.app.photos.enrol_photos import MAX_PHOTOS
 from guise.app.studio.clip_recorder import ClipRecorder

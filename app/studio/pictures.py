@@ -6,7 +6,7 @@ import base64
 from pathlib import Path
 
 from guise.app.media import Frame
-from guise.app.media.images import encode_image
+from guise.app.media.image_writing import encode_image
 from guise.app.media.pictures import shrunk
 from guise.app.media.segments import Scan, read_frames
 from guise.app.studio.store import StudioError

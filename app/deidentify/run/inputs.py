@@ -18,7 +18,7 @@ from guise.app.deidentify.options import DeidentifyError
 from guise.app.deidentify.run import remote
 from guise.app.media.animation_writer import FORMS
 from guise.app.media.file_kind import IMAGE_SUFFIXES, READ_ONLY_SUFFIXES, is_picture, kind_of
-from guise.app.media.images import PAGES, can_write
+from guise.app.media.image_writing import PAGES, can_write
 from guise.common.files import fitting_name, natural_key
 
 OWN_SUFFIXES = (".report.json", ".report.html", ".tracks.json", ".tracks.jpg", ".part", ".work")
