@@ -30,9 +30,10 @@ from guise.app.media.errors import MediaError
 from guise.app.media.frame import Frame
 from guise.app.media.input import MediaInput, VideoInput
 from guise.app.media.orientation import Orientation
+from guise.app.media.outputs import check_free
 from guise.app.media.pixel_formats import NATIVE_FORMATS, has_alpha, nearest_format
 from guise.app.media.reader import ALPHA_DECODERS, AnyPacket, reformat
-from guise.app.media.sink import Sink, VideoOutput, as_media_error, check_free, later_time
+from guise.app.media.sink import Sink, VideoOutput, as_media_error, later_time
 from guise.app.media.stream_copies import Audio
 
 ENCODER_THREADS = 4  # a fixed number, as the output of some encoders depends on it

@@ -25,8 +25,8 @@ from guise.app.deidentify.stages.render import SegmentRenderer, entries_of
 from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
 from guise.app.deidentify.tracks import FileReport
 from guise.app.media import Frame, MediaError, open_input, open_sink
+from guise.app.media.outputs import check_free
 from guise.app.media.segments import scan
-from guise.app.media.sink import check_free
 from guise.common.files import fitting_name
 from guise.common.progress import Progress, Say
 from guise.common.threads import one_thread

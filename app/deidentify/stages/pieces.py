@@ -12,8 +12,8 @@ import numpy as np
 from guise.app.deidentify.stages.case import Case
 from guise.app.media import Frame, MediaInput, Sink, open_input, open_sink
 from guise.app.media.input import VideoInput
+from guise.app.media.outputs import check_free, is_animation
 from guise.app.media.packets import PacketSink, assemble, read_packets
-from guise.app.media.sink import check_free, is_animation
 from guise.app.media.synthetic import synthetic_tags
 
 
