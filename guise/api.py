@@ -11,6 +11,7 @@ import os
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -283,15 +284,10 @@ def deidentify(
     texts = [os.fspath(path) for path in ([inputs] if isinstance(inputs, str | os.PathLike) else inputs)]
     options = DeidentifyOptions(
         donor=identity, cover=cover, seed=seed, audio=audio, audit=audit, region=region
-    )  # fmt: skip
-    place = None if output is None else os.fspath(output)
-    plan = make_plan(
-        texts,
-        place,
-        Path("guise-work"),
-        lambda path: suffix_for(path, options.encode.encoder),
-        recursive=False,
     )
+    place = None if output is None else os.fspath(output)
+    suffix = partial(suffix_for, encoder=options.encode.encoder)
+    plan = make_plan(texts, place, Path("guise-work"), suffix, recursive=False)
     options = checked(options, [pair.output for pair in plan.pairs])
     require_possible(plan.pairs, force=overwrite, resume=resume)
     with open_engine("local", workers) as engine:

@@ -1,6 +1,6 @@
 """For the tests of `guise analogy mesh`: the sample heads, changed copies of them, and the commands.
 
-`from mesh_work import coarse, here, points  # noqa: F401` gives a test module the fixtures.
+`from mesh_work import coarse, points  # noqa: F401` gives a test module the fixtures.
 """
 
 import json
@@ -56,13 +56,6 @@ def coarse() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("guise.render.shaded._SAMPLES", 1)
         yield
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder to work in, so that messages hold short names."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 @pytest.fixture(scope="module")

@@ -23,13 +23,6 @@ TALK2 = str(SAMPLES / "p01" / "talk2.mp4")
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder to work in, so that messages hold short names."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-@pytest.fixture
 def people(here: Path) -> Path:
     """The folder with p01.guise and p06.guise in it."""
     for person in ("p01", "p06"):

@@ -89,12 +89,6 @@ def done(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Path, dict[str, Any]]]:
     return asked
 
 
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def pairs_of(*inputs: str, output: str | None = None) -> list[FilePair]:
     return make_plan(inputs, output, Path("work"), lambda path: path.suffix, recursive=False).pairs
 

@@ -11,13 +11,6 @@ from guise.app.deidentify.run.inputs import BatchPlan, FilePair, InputError, mak
 from guise.app.deidentify.run.remote import RemoteError
 
 
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder to work in."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def make(folder: Path, *names: str) -> None:
     for name in names:
         path = folder / name

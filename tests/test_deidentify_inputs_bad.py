@@ -35,12 +35,6 @@ def faces() -> list[np.ndarray]:
         return [frame.rgb().copy() for _, frame in zip(range(FRAMES), source, strict=False)]
 
 
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def encode(
     path: str, pictures: list[np.ndarray], codec: str = "libx264", pixels: str = "yuv420p",
     options: dict[str, str] | None = None, turned: bool = False,

@@ -33,13 +33,6 @@ def _discs() -> Iterator[None]:
     del _LANDMARKERS["discs"]
 
 
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder to work in, so that messages hold short names."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def film(path: Path, scenes: list[list[Disc]], pts: list[int] | None = None) -> Path:
     """A lossless video of discs; pts in milliseconds, 40 a frame unless given."""
     with av.open(str(path), "w") as out:

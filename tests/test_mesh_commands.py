@@ -22,7 +22,6 @@ from mesh_work import (  # noqa: F401
     coarse,
     corners,
     frames,
-    here,
     moved,
     others,
     points,

@@ -15,7 +15,6 @@ from mesh_work import (  # noqa: F401
     changed,
     coarse,
     frames,
-    here,
     points,
     run,
     vertices,

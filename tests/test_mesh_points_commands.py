@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mesh_work import HEAD, OTHER, SMILE, changed, coarse, here, others, points, run, vertices  # noqa: F401
+from mesh_work import HEAD, OTHER, SMILE, changed, coarse, others, points, run, vertices  # noqa: F401
 
 from guise.analogy.feature_points import FEATURE_POINT_NAMES
 

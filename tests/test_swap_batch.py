@@ -13,12 +13,6 @@ from guise.app.swapping.report import FileTimes, SwapReport
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-@pytest.fixture
 def swapped(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Path, Path]]:
     """Inputs and outputs of the swaps, which copy their input; one called bad fails, and fault is a fault of ours."""
     asked: list[tuple[Path, Path]] = []
