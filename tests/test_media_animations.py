@@ -17,7 +17,7 @@ from PIL import Image, ImageCms
 
 from guise.app.media import EncodeOptions, MediaError, open_input, open_sink
 from guise.app.media.images import read_deep
-from guise.app.media.input import AnimationInput
+from guise.app.media.picture_inputs import AnimationInput
 
 CASES = Path(__file__).parents[2] / "shared" / "cases" / "media"
 TAGS = {"comment": "Synthetic face", "digital_source_type": "http://cv.iptc.org/x"}

@@ -3,7 +3,8 @@
 from guise.app.media.encoder import EncodeOptions
 from guise.app.media.errors import MediaError
 from guise.app.media.frame import ColourMatrix, Frame
-from guise.app.media.input import MediaInput, frames_at, open_input
+from guise.app.media.input import MediaInput
+from guise.app.media.opening import frames_at, open_input
 from guise.app.media.outputs import open_sink
 from guise.app.media.process import ProcessStats, process
 from guise.app.media.sink import NullSink, Sink

@@ -1,4 +1,4 @@
-"""Inputs: a video file, one image, or a folder of images.
+"""What gives frames: an input, and that of a video file.
 
 Pictures come as `Frame`s in display orientation with integer time stamps.  Everything closes by `with`.
 """
@@ -6,9 +6,8 @@ Pictures come as `Frame`s in display orientation with integer time stamps.  Ever
 from __future__ import annotations
 
 import math
-import re
 import stat
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
@@ -16,16 +15,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import av
 
-from guise.app.media.animation import TIME_BASE, Pictures
 from guise.app.media.clock import clock_of
 from guise.app.media.coded_quality import quantiser
 from guise.app.media.deep_frame import frame_of
-from guise.app.media.errors import MediaError, UnreadableError
-from guise.app.media.file_kind import FileKind, kind_of
+from guise.app.media.errors import MediaError
 from guise.app.media.frame import Frame, is_transparent
 from guise.app.media.hardware import HardwareDecoder, working_decoder
 from guise.app.media.hdr import changing_metadata, light_levels
-from guise.app.media.images import DeepImage, eight_bits, list_images, read_deep
 from guise.app.media.orientation import AS_STORED, Orientation, parse_display_matrix
 from guise.app.media.pipes import READ_ONCE, is_pipe
 from guise.app.media.pixel_formats import has_alpha
@@ -45,8 +41,7 @@ if TYPE_CHECKING:
     from av.container.core import Chapter
 
 Kind = Literal["video", "image", "images"]
-IMAGES_PER_SECOND = Fraction(30)
-_ADDRESS = re.compile(r"[a-z][a-z0-9+.-]+:/[^/]")  # a path has lost a slash of it
+IMAGES_PER_SECOND = Fraction(30)  # also of a video that has no rate
 _MAX_FRAME_RATE = 500  # frames per second; a higher rate is that of the container's clock
 _UNUSED_ALPHA = frozenset({"gif", "png", "apng", "webp"})  # decoders that give it also where all is opaque
 _RATE_PACKETS = 64  # from which a frame rate is measured
@@ -346,69 +341,6 @@ class VideoPart(VideoInput):
         return reader
 
 
-class ImageInput(MediaInput):
-    """One image file, or the images of a folder in natural order, 30 per second.
-
-    part : of the folder; its times count from its first image.
-    """
-
-    def __init__(self, path: Path, part: TimeRange | None = None) -> None:
-        super().__init__(path)
-        self.kind = "images" if path.is_dir() else "image"
-        self.files = list_images(path, self.problems.note) if path.is_dir() else [path]
-        if not self.files:
-            raise MediaError(
-                f"{path} is a folder without images: give one with .png or .jpg files, or a video file."
-            )
-        if part is not None:
-            self.files = _those_within(part, self.files, path)
-        self._versions = [file_version(file) for file in self.files]
-        self.frame_rate = IMAGES_PER_SECOND
-        first = next(iter(self), None)
-        if first is None:
-            raise MediaError(f"{path} holds no image that can be read: {self.problems[0]}")
-        self.width, self.height = first.width, first.height
-        self.frame_count = len(self.files)
-        self.duration = len(self.files) / IMAGES_PER_SECOND
-        self.time_base = 1 / IMAGES_PER_SECOND
-
-    def __iter__(self) -> Iterator[Frame]:
-        index = 0
-        for file in self.files:
-            try:
-                image = read_deep(file, self.problems.note_damage)
-            except MediaError as error:
-                if self.kind == "image":
-                    raise
-                self.problems.note_damage(
-                    f"{str(error).rstrip('.').replace(str(file), file.name)}; it was skipped."
-                )
-                continue
-            if image.gain_map:
-                self.problems.note(f"The HDR gain map of {file.name} was left out: the result is SDR.")
-            if image.bits != 8:
-                self.problems.note(
-                    f"{file.name} has {image.depth or image.bits} bits per component; faces are drawn with 8."
-                )
-            yield _frame_of(image, index, 1 / IMAGES_PER_SECOND, index, file.name)
-            index += 1
-        self.note_replaced()
-
-    @property
-    def _files(self) -> list[Path]:
-        return self.files
-
-
-def _those_within(part: TimeRange, files: list[Path], folder: Path) -> list[Path]:
-    """The images of a folder that are shown in a part."""
-    found = [file for index, file in enumerate(files) if part.holds(index / IMAGES_PER_SECOND)]
-    if not found:
-        raise MediaError(
-            f"{folder} has no image {part.told()}: its {len(files)} images count as 30 per second."
-        )
-    return found
-
-
 def file_version(path: Path) -> tuple[str, int, int] | None:
     """What changes with a file: its name, size and time; None for what isn't a file, such as a pipe."""
     try:
@@ -416,91 +348,6 @@ def file_version(path: Path) -> tuple[str, int, int] | None:
     except OSError:
         return None
     return (str(path.absolute()), facts.st_size, facts.st_mtime_ns) if stat.S_ISREG(facts.st_mode) else None
-
-
-class AnimationInput(MediaInput):
-    """A file of several pictures, see `Pictures`: an animation, which moves like a video, or pages, like a folder."""
-
-    def __init__(self, path: Path, kind: FileKind, part: TimeRange | None = None) -> None:
-        super().__init__(path)
-        self._part = part or TimeRange()
-        self.kind = "video" if kind == "animation" else "images"
-        self.time_base = TIME_BASE if kind == "animation" else 1 / IMAGES_PER_SECOND
-        self.pictures = Pictures(path, kind, self.problems)
-        first = next(iter(self), None)
-        if first is None:
-            if part is not None:
-                raise MediaError(f"{path} shows no picture {self._part.told()}.")
-            raise MediaError(f"{path} is damaged: none of its pictures can be read.")
-        self.width, self.height = first.width, first.height
-        self.frame_rate = 1 / (first.duration * self.time_base) if first.duration else IMAGES_PER_SECOND
-        self.frame_count = self.pictures.count
-        self.duration = self.frame_count / self.frame_rate
-
-    def __iter__(self) -> Iterator[Frame]:
-        pts = index = before = 0
-        for image, delay in self.pictures:
-            if self._part.holds(pts * self.time_base):
-                before = before if index else pts
-                frame = _frame_of(image, pts - before, self.time_base, index)
-                frame.duration = delay
-                yield frame
-                index += 1
-            pts += delay or 1
-        self.note_replaced()
-
-
-def _frame_of(image: DeepImage, pts: int, time_base: Fraction, index: int, name: str | None = None) -> Frame:
-    """A picture as a frame, which also holds it as it is stored."""
-    alpha = None if image.alpha is None else eight_bits(image.alpha)
-    frame = Frame.from_rgb(image.rgb8(), pts, time_base, index, name=name, alpha=alpha)
-    frame.stored = image
-    return frame
-
-
-def open_input(
-    path: Path | str, hwaccel: HardwareDecoder = "none", part: TimeRange | None = None
-) -> MediaInput:
-    """Open a video file, an image or a folder of images.
-
-    hwaccel : the device that decodes a video, "auto" for one that works, or "none" for the processor.
-    part : of it, as if there were no more; None for the whole.
-    Raises UnreadableError when there is nothing to read.
-    """
-    path = Path(path)
-    try:
-        if is_pipe(path):
-            if part is not None:
-                raise MediaError(
-                    "A pipe cannot be cut: leave out --outside cut, or write it to a file first."
-                )
-            return VideoInput(path, hwaccel)
-        if not path.exists() and _ADDRESS.match(str(path)):
-            raise MediaError(
-                f"{path} is an address, which this command does not fetch: download the file first."
-            )
-        if not path.exists():
-            raise MediaError(f"{path} does not exist: give a video file, an image or a folder of images.")
-        kind = "image" if path.is_dir() else kind_of(path)
-        if kind == "image":
-            return ImageInput(path, part)
-        if kind != "video":
-            return AnimationInput(path, kind, part)
-        return VideoInput(path, hwaccel) if part is None else VideoPart(path, part, hwaccel)
-    except MediaError as error:
-        raise UnreadableError(str(error)) from error
-
-
-def frames_at(path: Path | str, wanted: Collection[int]) -> Iterator[Frame]:
-    """The frames of some indices; what comes after the last of them is not read."""
-    left = len(set(wanted))
-    with open_input(path) as media:
-        for frame in media if left else ():
-            if frame.index in wanted:
-                yield frame
-                left -= 1
-                if not left:
-                    return
 
 
 def _ignore(packet: AnyPacket) -> None:

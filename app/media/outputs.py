@@ -11,7 +11,8 @@ from guise.app.media.encoder import EncodeOptions
 from guise.app.media.errors import MediaError
 from guise.app.media.file_kind import READ_ONLY_SUFFIXES, has_image_name
 from guise.app.media.image_writing import PAGES, lossy_form
-from guise.app.media.input import AnimationInput, ImageInput, MediaInput
+from guise.app.media.input import MediaInput
+from guise.app.media.picture_inputs import AnimationInput, ImageInput
 from guise.app.media.picture_sinks import AnimationSink, FolderSink, ImageSink, PagesSink
 from guise.app.media.pipes import is_pipe
 from guise.app.media.sink import Sink, VideoSink

@@ -19,7 +19,8 @@ from guise.app.media.errors import MediaError
 from guise.app.media.frame import Frame
 from guise.app.media.image_writing import can_write, encode_deep, encode_pages, lost_in
 from guise.app.media.images import DeepImage, changed
-from guise.app.media.input import AnimationInput, MediaInput, VideoInput
+from guise.app.media.input import MediaInput, VideoInput
+from guise.app.media.picture_inputs import AnimationInput
 from guise.app.media.pictures import letterboxed
 from guise.app.media.rendition import is_hdr
 from guise.app.media.sink import Sink, as_media_error

@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.app.media.frame import Frame
-from guise.app.media.input import MediaInput, VideoInput, file_version, open_input
+from guise.app.media.input import MediaInput, VideoInput, file_version
+from guise.app.media.opening import open_input
 from guise.app.media.reader import ProblemLog, VideoReader
 from guise.app.media.time_range import TimeRange
 
