@@ -91,7 +91,7 @@ def hair_in_light_of(texture: F32, other: F32, reference: ReferenceFrame) -> F32
     """
     skin = skin_mask(reference)
     seen = _over_black(texture)
-    tone, other_tone = (np.exp(np.log(_over_black(one)[skin]).mean(0)) for one in (texture, other))
+    tone, other_tone = (_tone(one, skin) for one in (texture, other))
     light = white(other[soft_parts(reference, (RIGHT_EYE, LEFT_EYE), 0.0) > 0.5])
     to_light = other_tone / tone / light
     red, green, blue = np.moveaxis(seen * to_light, -1, 0)
@@ -110,7 +110,7 @@ def hair_in_light_of(texture: F32, other: F32, reference: ReferenceFrame) -> F32
 def in_tone_of(texture: F32, other: F32, reference: ReferenceFrame) -> F32:
     """A neutral texture (h, w, 3) fit for the skin tone of another; itself where tones are alike."""
     skin = skin_mask(reference)
-    tone, other_tone = (np.exp(np.log(_over_black(t)[skin]).mean(0)) for t in (texture, other))
+    tone, other_tone = (_tone(one, skin) for one in (texture, other))
     apart = max(abs(float(np.log((other_tone @ LUMA) / (tone @ LUMA)))) - LIMITS.alike, 0.0)
     paler = _chroma(other_tone) / max(LIMITS.as_strong * _chroma(tone), LIMITS.least_chroma)
     if not apart and paler >= 1:
@@ -147,6 +147,11 @@ def distance_inside(reference: ReferenceFrame) -> F32:
     return np.asarray(distance / reference.resolution, np.float32)
 
 
+def _tone(texture: F32, skin: Bool) -> F32:
+    """(3,) over black: geometric mean of a texture's colours on skin (h, w)."""
+    return np.asarray(np.exp(np.log(_over_black(texture)[skin]).mean(0)), np.float32)
+
+
 def _chroma(tone: F32) -> float:
     """How strongly a tone (3,) is coloured: length of its channels' logarithms against its brightness."""
     return float(np.linalg.norm(np.log(tone / (tone @ LUMA))))
@@ -160,7 +165,7 @@ def _eased(texture: F32, share: F32, skin: Bool, reference: ReferenceFrame) -> F
     skin : (h, w), where tints are measured.
     """
     seen = _over_black(texture)
-    tone = np.exp(np.log(seen[skin]).mean(0))
+    tone = _tone(texture, skin)
     surface = (soft_parts(reference, (RIGHT_EYE, LEFT_EYE, INNER_LIPS), 0.0) < 0.5).astype(np.float32)
     weight = cv2.GaussianBlur(surface, (0, 0), LIMITS.spread_face_widths * reference.resolution)[..., None]
     return np.asarray(seen + weight * (_with_tints(seen, tone, share) - seen), np.float32)
