@@ -31,7 +31,7 @@ from guise.app.deidentify.stages.render import SegmentRenderer
 from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
 from guise.app.deidentify.tracks import FileReport
 from guise.app.media import EncodeOptions, Frame, MediaError, segments
-from guise.app.media.reader import ProblemLog
+from guise.app.media.problems import ProblemLog
 from guise.app.swapping.donors import open_donor
 
 pytestmark = pytest.mark.slow

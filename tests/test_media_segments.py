@@ -15,7 +15,7 @@ from test_media import SAMPLE, SHARED, damage, make_clip, picture
 from guise.app.media import Frame, open_input, segments
 from guise.app.media.frame import plane_arrays
 from guise.app.media.input import VideoInput
-from guise.app.media.reader import ProblemLog
+from guise.app.media.problems import ProblemLog
 from guise.app.media.segments import KeptFrames, Scan, read_frames, scan
 
 THOUSANDTHS = Fraction(1, 1000)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from guise.app.media import open_input
 from guise.app.media.letterbox import fitting_box, pasted
 from guise.app.media.pixel_formats import SHALLOW_FORMATS
-from guise.app.media.reader import ProblemLog
+from guise.app.media.problems import ProblemLog
 from guise.app.media.segments import read_frames, scan
 
 SIDES = st.integers(16, 400)

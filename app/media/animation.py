@@ -17,7 +17,7 @@ from guise.app.media import ifd
 from guise.app.media.errors import MediaError
 from guise.app.media.file_kind import FileKind, format_of, views
 from guise.app.media.images import CMYK, DeepImage, fitting, reading_errors, require_plain, shown
-from guise.app.media.reader import ProblemLog
+from guise.app.media.problems import ProblemLog
 
 TIME_BASE = Fraction(
     1, 90_000

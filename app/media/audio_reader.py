@@ -12,8 +12,9 @@ from av.audio.frame import AudioFrame
 from av.audio.resampler import AudioResampler
 
 from guise.app.media.clock import Retimer
+from guise.app.media.container import open_container
 from guise.app.media.input import VideoInput
-from guise.app.media.reader import AnyPacket, open_container
+from guise.app.media.reader import AnyPacket
 from guise.common.arrays import F32
 from guise.common.closing import Closing
 

@@ -6,8 +6,8 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
+from guise.app.media.container import open_container
 from guise.app.media.file_kind import kind_of
-from guise.app.media.reader import open_container
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ import av
 
 from guise.app.media.clock import clock_of
 from guise.app.media.coded_quality import quantiser
+from guise.app.media.container import frame_rate, main_video, open_container
 from guise.app.media.deep_frame import frame_of
 from guise.app.media.errors import MediaError
 from guise.app.media.frame import Frame, is_transparent
@@ -25,15 +26,8 @@ from guise.app.media.hdr import changing_metadata, light_levels
 from guise.app.media.orientation import AS_STORED, Orientation, parse_display_matrix
 from guise.app.media.pipes import READ_ONCE, is_pipe
 from guise.app.media.pixel_formats import has_alpha
-from guise.app.media.reader import (
-    LIMITS,
-    AnyPacket,
-    ProblemLog,
-    VideoReader,
-    frame_rate,
-    main_video,
-    open_container,
-)
+from guise.app.media.problems import ProblemLog
+from guise.app.media.reader import LIMITS, AnyPacket, VideoReader
 from guise.app.media.time_range import TimeRange
 from guise.common.closing import Closing
 

@@ -15,9 +15,10 @@ import av
 import av.error
 from av.video.stream import VideoStream
 
+from guise.app.media.container import is_still
 from guise.app.media.errors import MediaError, reason
 from guise.app.media.pixel_formats import NATIVE_FORMATS, nearest_format
-from guise.app.media.reader import in_shape, is_still
+from guise.app.media.reader import in_shape
 from guise.common.closing import Closing
 
 if TYPE_CHECKING:

@@ -21,7 +21,8 @@ from av.container import OutputContainer
 from av.filter import Graph
 
 from guise.app.media.encoder import find_codec
-from guise.app.media.reader import AnyPacket, ProblemLog
+from guise.app.media.problems import ProblemLog
+from guise.app.media.reader import AnyPacket
 from guise.app.media.trial import SoundEncoding
 from guise.app.media.whisper import Whisper
 from guise.common.arrays import F32

@@ -6,7 +6,8 @@ import math
 from collections.abc import Iterator
 
 from guise.app.media.input import VideoInput
-from guise.app.media.reader import AnyPacket, ProblemLog
+from guise.app.media.problems import ProblemLog
+from guise.app.media.reader import AnyPacket
 
 
 def first_pts(media: VideoInput) -> int:

@@ -23,6 +23,7 @@ from av.packet import Packet, PacketSideData, PktSideDataT, packet_sidedata_type
 from av.video.codeccontext import VideoCodecContext
 from numpy.typing import NDArray
 
+from guise.app.media.container import ALPHA_DECODERS
 from guise.app.media.deep_frame import frame_of
 from guise.app.media.encoder import EncodeOptions, ordinary_priority
 from guise.app.media.encoding import Encoding, encoding_for
@@ -32,7 +33,7 @@ from guise.app.media.input import MediaInput, VideoInput
 from guise.app.media.orientation import Orientation
 from guise.app.media.outputs import check_free
 from guise.app.media.pixel_formats import NATIVE_FORMATS, has_alpha, nearest_format
-from guise.app.media.reader import ALPHA_DECODERS, AnyPacket, reformat
+from guise.app.media.reader import AnyPacket, reformat
 from guise.app.media.sink import Sink, VideoOutput, as_media_error, later_time
 from guise.app.media.stream_copies import Audio
 

@@ -17,31 +17,27 @@ from typing import TypeAlias
 
 import av
 import av.error
-from av.codec.hwaccel import HWAccel
-from av.container import InputContainer
 from av.packet import Packet
-from av.video.codeccontext import VideoCodecContext
-from av.video.stream import VideoStream
 
 from guise.app.media import colour
 from guise.app.media.clock import STEADY, FileClock, Retimer
 from guise.app.media.coded_quality import TELL_QUANTISER
-from guise.app.media.encoder import find_codec
-from guise.app.media.errors import MediaError, reason
+from guise.app.media.container import (
+    alpha_decoder,
+    frame_rate,
+    main_video,
+    open_container,
+)
+from guise.app.media.errors import reason
 from guise.app.media.letterbox import SQUARE, fitting_box, pasted
-from guise.app.media.pipes import UNREADABLE, is_pipe, opened_as
-from guise.app.media.pixel_formats import NATIVE_FORMATS, depth, has_alpha, nearest_format
+from guise.app.media.pixel_formats import NATIVE_FORMATS, depth, nearest_format
+from guise.app.media.problems import ProblemLog
 from guise.common.closing import Closing
 
 AnyPacket: TypeAlias = "Packet[av.stream.Stream]"
-_TEXT_AS_VIDEO = frozenset(
-    {"tty", "bin", "xbin", "adf", "idf"}
-)  # FFmpeg renders text as a terminal's pictures
 # Containers that store one time for a packet, that of decoding, and codecs whose pictures it is then wrong for.
 _DECODING_TIMES = frozenset({"avi", "asf", "mxf"})
 _REORDERING = frozenset({"h264", "hevc", "mpeg1video", "mpeg2video", "vc1", "wmv3"})
-_NO_TIMESTAMPS = 0x80  # FFmpeg's AVFMT_NOTIMESTAMPS: a format's packets have no times
-ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  # FFmpeg's own leave it out
 _STATES_DURATION = frozenset({"mp4", "matroska", "avi", "flv"})  # containers whose header has it
 
 
@@ -50,7 +46,6 @@ class ReadingLimits:
     """How much damage is tolerated, and from where on it is reported."""
 
     max_failed_reads: int = 64  # in a row, after which the file counts as ended
-    max_problems: int = 200  # that are listed one by one
     max_missing_seconds: Fraction = Fraction(1, 2)  # at the end, by the duration in the header
     max_delayed_packets: int = 64  # that a decoder may hold back at the end of a file
     seek_seconds: Fraction = Fraction(2)  # before a part, from where its keyframe is searched backwards
@@ -58,103 +53,6 @@ class ReadingLimits:
 
 
 LIMITS = ReadingLimits()
-
-
-class ProblemLog(list[str]):
-    """What went wrong without ending the work: each sentence once, and a count beyond the limit.
-
-    damage : those sentences that tell of parts of the input that could not be read.
-    """
-
-    unlisted = 0
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.damage: list[str] = []
-
-    def note_damage(self, sentence: str) -> None:
-        """Add a sentence about a part of the input that could not be read."""
-        if sentence not in self:
-            self.damage.append(sentence)
-        self.note(sentence)
-
-    def note(self, sentence: str) -> None:
-        """Add a sentence unless it is there already."""
-        if sentence in self:
-            return
-        if len(self) < LIMITS.max_problems:
-            self.append(sentence)
-            return
-        self.unlisted += 1
-        self[LIMITS.max_problems - 1 :] = [f"And {self.unlisted + 1} more."]
-
-    def add(self, sentences: Iterable[str]) -> None:
-        """Note each of several sentences."""
-        damage = sentences.damage if isinstance(sentences, ProblemLog) else []
-        for sentence in sentences:
-            (self.note_damage if sentence in damage else self.note)(sentence)
-
-
-def open_container(path: Path, device: str | None = None) -> InputContainer:
-    """Open a media file, to be decoded by a device; MediaError says in one sentence why it cannot be read."""
-    place, kind, options = opened_as(path)
-    try:
-        container = av.open(
-            place,
-            "r",
-            format=kind,
-            options=options,
-            metadata_errors="surrogateescape",
-            hwaccel=HWAccel(device) if device else None,
-        )
-    except PermissionError as error:
-        raise MediaError(f"{path} cannot be read ({error.strerror}): check its permissions.") from error
-    except (av.error.FFmpegError, OSError) as error:
-        if is_pipe(path):
-            raise MediaError(UNREADABLE) from error
-        raise MediaError(
-            f"{path} is not a video that can be read ({reason(error)}): give a video file, "
-            "an image or a folder of images."
-        ) from error
-    if container.format.name in _TEXT_AS_VIDEO:
-        container.close()
-        raise MediaError(f"{path} is a text file: give a video file, an image or a folder of images.")
-    return container
-
-
-def main_video(container: InputContainer, path: Path) -> VideoStream:
-    """The first video stream of a file that is not a cover or a thumbnail, ready to decode."""
-    for stream in container.streams.video:
-        if not is_still(stream):
-            if stream.codec_context is None:
-                raise MediaError(
-                    f"{path}: no decoder for its video stream is available: convert it to H.264 first."
-                )
-            stream.thread_type = "AUTO"
-            return stream
-    raise MediaError(f"{path} holds no video stream: give a video file, an image or a folder of images.")
-
-
-def _alpha_decoder(stream: VideoStream) -> VideoCodecContext | None:
-    """A decoder for VP8 or VP9 with alpha, which FFmpeg's own leave out; None for other streams."""
-    name = ALPHA_DECODERS.get(stream.codec_context.name)
-    if not shows_alpha(stream) or name is None or find_codec(name, "r") is None:
-        return None
-    known, context = stream.codec_context, av.CodecContext.create(name, "r")
-    assert isinstance(context, VideoCodecContext)
-    context.color_primaries, context.color_trc = known.color_primaries, known.color_trc
-    return context
-
-
-def shows_alpha(stream: VideoStream) -> bool:
-    """Whether a stream says that its pictures have alpha, as a plane or, in VP8 and VP9, beside them."""
-    return stream.metadata.get("alpha_mode") == "1" or has_alpha(stream.codec_context.pix_fmt or "")
-
-
-def is_still(stream: VideoStream) -> bool:
-    """Whether a video stream is a cover picture or a thumbnail."""
-    still = av.stream.Disposition.attached_pic | av.stream.Disposition.timed_thumbnails
-    return bool(stream.disposition & still)
 
 
 class VideoReader(Closing):
@@ -176,7 +74,7 @@ class VideoReader(Closing):
         self.on_packet: Callable[[AnyPacket], None] = lambda packet: None
         try:
             self.stream = main_video(self.container, path)
-            self.decoder = _alpha_decoder(self.stream) or self.stream.codec_context
+            self.decoder = alpha_decoder(self.stream) or self.stream.codec_context
         except BaseException:
             self.container.close()
             raise
@@ -489,13 +387,6 @@ class VideoReader(Closing):
         """A time stamp, or the last one that was yielded, in seconds."""
         known = pts if pts is not None else self._last
         return "an unknown time" if known is None else f"{float(known * self.time_base):.2f} s"
-
-
-def frame_rate(container: InputContainer, stream: VideoStream) -> Fraction | None:
-    """A stream's average rate, pictures per second, or its codec's where the file has no times; None if unknown."""
-    coded = stream.codec_context.framerate if container.format.flags & _NO_TIMESTAMPS else None
-    rate = coded or stream.average_rate or stream.guessed_rate or stream.base_rate
-    return Fraction(rate) if rate else None
 
 
 def in_shape(

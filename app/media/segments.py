@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from guise.app.media.frame import Frame
 from guise.app.media.input import MediaInput, VideoInput, file_version
 from guise.app.media.opening import open_input
-from guise.app.media.reader import ProblemLog, VideoReader
+from guise.app.media.problems import ProblemLog
+from guise.app.media.reader import VideoReader
 from guise.app.media.time_range import TimeRange
 
 # Codecs in which every packet is one shown picture; others may have hidden or repeated ones.

@@ -16,12 +16,13 @@ from av.audio.stream import AudioStream
 from av.container import OutputContainer
 from av.stream import Stream
 
+from guise.app.media.container import is_still, main_video, open_container, shows_alpha
 from guise.app.media.encoder import AUTO, chosen_encoder
 from guise.app.media.errors import MediaError
 from guise.app.media.input import MediaInput, VideoInput
 from guise.app.media.new_audio import NewAudio, Voice, named_layout, sound_encodings
 from guise.app.media.pixel_formats import has_alpha
-from guise.app.media.reader import AnyPacket, is_still, main_video, open_container, shows_alpha
+from guise.app.media.reader import AnyPacket
 from guise.app.media.trial import UNKNOWN, SoundEncoding, Trial, codec_name
 
 Audio = Literal["keep", "drop", "mask", "disguise"]

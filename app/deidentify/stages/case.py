@@ -24,7 +24,7 @@ from guise.app.deidentify.stages.gaps import Gaps, unpacked
 from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
 from guise.app.deidentify.tracks import Track
 from guise.app.media import Frame, MediaInput, open_input
-from guise.app.media.reader import ProblemLog
+from guise.app.media.problems import ProblemLog
 from guise.app.media.segments import KeptFrames, Scan, read_frames
 from guise.app.media.time_range import TimeRange
 from guise.app.people.faces import SegmentFaces

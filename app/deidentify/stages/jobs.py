@@ -30,7 +30,7 @@ from guise.app.deidentify.stages.render import LIMITS, SegmentRenderer, entries_
 from guise.app.deidentify.stages.work import WorkFolder
 from guise.app.media import Frame, MediaInput, Sink, process
 from guise.app.media.input import VideoInput
-from guise.app.media.reader import ProblemLog
+from guise.app.media.problems import ProblemLog
 from guise.app.people.faces import detect_faces
 from guise.app.swapping.policy import FaceTreatment
 from guise.app.swapping.trust import LocatedFace, TrustJudge
