@@ -22,6 +22,7 @@ from training.backgrounds import CLIPS, random_background
 from training.camera import camera, lit
 from training.canvas import blend
 from training.data import VALIDATION_PEOPLE, Pictures, london_people
+from training.patterns import before, is_plain
 from training.worn import cover, dress, wipe
 
 SIZE = 320  # pixels, the side of a scene
@@ -35,6 +36,7 @@ CLEAR, HIDDEN = (
 DIM = 7  # grey levels, the contrast of a face below which nobody could tell
 _FAR = 340  # pixels, the longer side to which real frames are brought
 _BACKGROUNDS, _BACKGROUND_SIZE = 700, 448
+_PATTERNED = 0.4  # of the scenes, seen through something
 
 Picture = U8
 Floats = F64
@@ -89,6 +91,8 @@ class Scenes:
             if not blank and rng.random() < 0.15:
                 cover(rng, image, owner, face)
         kinds = [_kind(owner, f, k + 1, b) for k, (f, b) in enumerate(zip(faces, faceless, strict=True))]
+        if rng.random() < _PATTERNED:
+            image, kinds = self._through(rng, image, faces, kinds)
         boxes = [np.concatenate([f.min(0), f.max(0)]) for f in faces]
         image = camera(rng, image)
         kinds = [
@@ -96,6 +100,19 @@ class Scenes:
             for k, b in zip(kinds, boxes, strict=True)
         ]
         return Scene(image, _rows(boxes, kinds, "face"), _rows(boxes, kinds, "unsure"))
+
+    def _through(
+        self, rng: Rng, image: Picture, faces: Sequence[Floats], kinds: Sequence[str]
+    ) -> tuple[Picture, list[str]]:
+        """The scene behind bars, a watermark and the like; of faces that nobody could see then nothing is asked."""
+        side = float(np.ptp(faces[int(rng.integers(len(faces)))], axis=0).max()) if faces else 60.0
+        pitch = float(np.clip(side * np.exp(rng.uniform(np.log(0.1), np.log(0.8))), 4, 160))
+        image, opacity = before(rng, image, pitch, self._background(rng))
+        kinds = [
+            "unsure" if kind == "face" and not is_plain(opacity, face) else kind
+            for kind, face in zip(kinds, faces, strict=True)
+        ]
+        return image, kinds
 
     def _made(self, rng: Rng, photos: Sequence[Picture]) -> Picture:
         """A background (_BACKGROUND_SIZE, _BACKGROUND_SIZE, 3): made up, or of a person's picture in pieces."""

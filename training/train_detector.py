@@ -4,7 +4,7 @@
 
 PARTS holds what `render_people.py` wrote; DATA is the folder with `pairs/london` and `real`, of which the pictures that
 may be trained on are used. OUT gets `detector.onnx`, `curves.csv` and the weights. The same seed and data give the same
-scenes in the same order. PyTorch is needed here only (`pip install "guise-video[train]"`).
+scenes in the same order, and --resume goes on where a run was interrupted. PyTorch is needed here only (`pip install "guise-video[train]"`).
 """
 
 from __future__ import annotations
@@ -14,13 +14,16 @@ import copy
 import csv
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
 import numpy as np
+import onnx
 import torch
 import torch.nn.functional as F
-from torch import Tensor
+from onnx import numpy_helper
+from torch import Tensor, nn
 from torch.utils.data import DataLoader, IterableDataset
 
 from guise.common.arrays import F32, U8
@@ -45,13 +48,14 @@ class Samples(IterableDataset[Batch]):
 
     def __init__(self, scenes: Scenes, steps: int, batch: int, seed: int) -> None:
         self.scenes, self.steps, self.batch, self.seed = scenes, steps, batch, seed
+        self.first = 0  # of the batches that are still to come
 
     def __iter__(self) -> Iterator[Batch]:
         """Yield this worker's share of the batches."""
         cv2.setNumThreads(1)
         info = torch.utils.data.get_worker_info()
         start, step = (info.id, info.num_workers) if info else (0, 1)
-        for number in range(start, self.steps, step):
+        for number in range(self.first + start, self.steps, step):
             rng = np.random.default_rng([self.seed, 2, number])
             cv2.setRNGSeed(int(rng.integers(1 << 31)))
             scenes = [self.scenes.make(rng) for _ in range(self.batch)]
@@ -156,10 +160,61 @@ def export(net: DetectorNet, path: Path) -> None:
     )  # fmt: skip
 
 
+def load(net: DetectorNet, path: Path) -> None:
+    """Weights from a .pt, or from a shipped .onnx, whose normalisations are within its convolutions."""
+    if path.suffix == ".pt":
+        net.load_state_dict(torch.load(path, weights_only=True))
+        return
+    model: onnx.ModelProto = onnx.load(path)
+    values = {one.name: torch.from_numpy(numpy_helper.to_array(one).copy()) for one in model.graph.initializer}
+    stored = iter([node.input[1:] for node in model.graph.node if node.op_type == "Conv"])
+    for convolution, norm in _in_order(net):
+        weight, bias = (values[name] for name in next(stored))
+        convolution.weight.data.copy_(weight)
+        if norm is None:
+            assert convolution.bias is not None
+            convolution.bias.data.copy_(bias)
+        else:
+            norm.bias.data.copy_(bias)
+            torch.nn.init.constant_(norm.running_var, 1 - norm.eps)
+
+
+@torch.no_grad()
+def _in_order(net: DetectorNet) -> list[tuple[nn.Conv2d, nn.BatchNorm2d | None]]:
+    """The convolutions in the order in which they run, each with the normalisation that follows it."""
+    ran: list[nn.Module] = []
+    kinds = (nn.Conv2d, nn.BatchNorm2d)
+    hooks = [
+        one.register_forward_hook(lambda module, *_: ran.append(module))
+        for one in net.modules()
+        if isinstance(one, kinds)
+    ]
+    net.eval()(torch.zeros(1, SIZE, SIZE, 3, dtype=torch.uint8))
+    for hook in hooks:
+        hook.remove()
+    after = dict(pairwise([*ran, nn.Identity()]))
+    return [
+        (one, follower if isinstance(follower := after[one], nn.BatchNorm2d) else None)
+        for one in ran
+        if isinstance(one, nn.Conv2d)
+    ]
+
+
 def train(
-    net: DetectorNet, samples: Samples, validation: list[Scene], rate: float, workers: int, output: Path
+    net: DetectorNet,
+    samples: Samples,
+    validation: list[Scene],
+    rate: float,
+    workers: int,
+    output: Path,
+    *,
+    frozen: bool,
+    resume: bool,
 ) -> DetectorNet:
-    """Run all steps, warm up then cosine to zero; the running average of the weights."""
+    """Run all steps, warm up then cosine to zero; the running average of the weights.
+
+    frozen : keep the normalisations' means and variances.
+    """
     average = copy.deepcopy(net)
     steps, warm = samples.steps, min(200, samples.steps // 5)
     optimiser = torch.optim.AdamW(net.parameters(), lr=rate, weight_decay=0.01)
@@ -167,10 +222,18 @@ def train(
         optimiser,
         lambda i: min((i + 1) / warm, 0.5 * (1 + np.cos(np.pi * min(1, max(0, i - warm) / (steps - warm))))),
     )
+    kept, done = output / "state.pt", 0
+    if resume and kept.exists():
+        state = torch.load(kept, weights_only=True)
+        for part, name in ((net, "net"), (average, "average"), (optimiser, "optimiser"), (schedule, "schedule")):
+            part.load_state_dict(state[name])
+        samples.first = done = state["step"]
     loader = DataLoader(samples, batch_size=None, num_workers=workers, prefetch_factor=6 if workers else None)
     start, sums = time.time(), {"heat": 0.0, "box": 0.0}
-    for step, (images, targets) in enumerate(loader, 1):
+    for step, (images, targets) in enumerate(loader, done + 1):
         net.train()
+        if frozen:
+            _freeze(net)
         with torch.autocast("cpu", torch.bfloat16):
             found = net(images)
         loss, figures = loss_of(found, targets)
@@ -188,8 +251,17 @@ def train(
             row |= {k: f"{v:.4f}" for k, v in validate(average, validation).items()}
             _log(output / "curves.csv", row)
             torch.save(average.state_dict(), output / "detector.pt")
+            state = {"net": net, "average": average, "optimiser": optimiser, "schedule": schedule}
+            torch.save({k: v.state_dict() for k, v in state.items()} | {"step": step}, output / "state.part")
+            (output / "state.part").replace(kept)
             sums = dict.fromkeys(sums, 0.0)
     return average
+
+
+def _freeze(net: DetectorNet) -> None:
+    for module in net.modules():
+        if isinstance(module, nn.BatchNorm2d):
+            module.eval()
 
 
 @torch.no_grad()
@@ -218,7 +290,8 @@ def main() -> None:
         "--real", type=Path, help="folder with pairs/london and real; without it, rendered alone"
     )
     parser.add_argument("--output", type=Path, required=True)
-    parser.add_argument("--start", type=Path, help="weights (.pt) to start from")
+    parser.add_argument("--start", type=Path, help="weights to start from (.pt, or a shipped .onnx)")
+    parser.add_argument("--resume", action="store_true")
     parser.add_argument("--steps", type=int, default=4000)
     parser.add_argument("--batch", type=int, default=24)
     parser.add_argument("--rate", type=float, default=3e-3)
@@ -249,10 +322,13 @@ def main() -> None:
     scenes = Scenes(rendered, real, photos, options.real_share, options.seed)
     net = DetectorNet()
     if options.start:
-        net.load_state_dict(torch.load(options.start, weights_only=True))
+        load(net, options.start)
     samples = Samples(scenes, options.steps, options.batch, options.seed)
     net = net.to(memory_format=torch.channels_last)
-    average = train(net, samples, validation, options.rate, options.workers, options.output)
+    average = train(
+        net, samples, validation, options.rate, options.workers, options.output,
+        frozen=options.start is not None and options.start.suffix == ".onnx", resume=options.resume,
+    )  # fmt: skip
     export(average, options.output / "detector.onnx")
 
 
