@@ -1,6 +1,6 @@
 """What stands between a camera and people: slats, bars, wires, nets, shade, watermarks, walls, glass, screens.
 
-As real ones look: seen at an angle, lit, moved, out of focus.  Others (chequers, dots, leaves) are left for measurement.
+As real ones look: at an angle, lit, moved, out of focus.  Others (chequers, dots, leaves) are left to be measured.
 Pixels, x right, y down; pictures RGB uint8; opacities (h, w) float32 in [0, 1].
 """
 
@@ -33,7 +33,9 @@ def before(rng: Rng, image: Picture, pitch: float, behind: Picture) -> tuple[Pic
     )  # fmt: skip
     colour, opacity = makers[int(rng.integers(len(makers)))](rng, image, pitch, behind)
     if rng.random() < 0.4:  # out of focus
-        opacity = np.asarray(cv2.GaussianBlur(opacity, (0, 0), rng.uniform(0.4, 0.12 * pitch + 0.5)), np.float32)
+        opacity = np.asarray(
+            cv2.GaussianBlur(opacity, (0, 0), rng.uniform(0.4, 0.12 * pitch + 0.5)), np.float32
+        )
     if rng.random() < 0.15:  # moved
         length = int(rng.uniform(2, 3 + 0.3 * pitch))
         shape = (length, 1) if rng.random() < 0.5 else (1, length)
@@ -61,7 +63,9 @@ def _phase(rng: Rng, shape: tuple[int, int], pitch: float, angle: float) -> F32:
     across = (-np.sin(angle) * x + np.cos(angle) * y) / np.maximum(depth, 0.3)
     if rng.random() < 0.35:
         along = np.cos(angle) * x + np.sin(angle) * y
-        across = across + rng.normal(0, 0.03) * np.sin(2 * np.pi * (rng.uniform(0.3, 2) * along + rng.random()))
+        across = across + rng.normal(0, 0.03) * np.sin(
+            2 * np.pi * (rng.uniform(0.3, 2) * along + rng.random())
+        )
     return np.asarray(across * (max(shape) / pitch) + rng.random(), np.float32)
 
 
@@ -82,8 +86,10 @@ def _paint(rng: Rng) -> F32:
 
 
 def _slats(rng: Rng, image: Picture, pitch: float, behind: Picture) -> Layer:
-    """Blinds, a railing, a fence of boards: parallel, round or flat, each in its own light, upright and level mostly."""
-    angle = rng.choice([0, np.pi / 2]) + (rng.normal(0, 0.12) if rng.random() < 0.7 else rng.uniform(-0.8, 0.8))
+    """Blinds, a railing, a fence of boards: parallel, round or flat, each in its own light, mostly upright."""
+    angle = rng.choice([0, np.pi / 2]) + (
+        rng.normal(0, 0.12) if rng.random() < 0.7 else rng.uniform(-0.8, 0.8)
+    )
     phase = _phase(rng, image.shape[:2], pitch, float(angle))
     share = float(rng.uniform(0.12, 0.62))
     inside = (phase - np.round(phase)) / share
@@ -129,7 +135,9 @@ def _shade(rng: Rng, image: Picture, pitch: float, behind: Picture) -> Layer:
     for scale in (1.0, 0.4):
         grain = rng.standard_normal(image.shape[:2]).astype(np.float32)
         spread = pitch * scale * 0.4
-        soft = cv2.GaussianBlur(grain, (0, 0), spread * rng.uniform(0.5, 1.5), sigmaY=spread * rng.uniform(0.5, 1.5))
+        soft = cv2.GaussianBlur(
+            grain, (0, 0), spread * rng.uniform(0.5, 1.5), sigmaY=spread * rng.uniform(0.5, 1.5)
+        )
         noise += scale * soft / max(float(soft.std()), 1e-6)
     hard = rng.uniform(1.5, 12)
     dark = np.clip(0.5 + hard * (noise - rng.normal(0, 0.3)), 0, 1)
@@ -178,7 +186,8 @@ def _wall(rng: Rng, image: Picture, pitch: float, behind: Picture) -> Layer:
 def _glass(rng: Rng, image: Picture, pitch: float, behind: Picture) -> Layer:
     """A pane that mirrors another scene, stained by drops or steam."""
     height, width = image.shape[:2]
-    slope = cv2.resize(rng.uniform(0.1, 0.65, (3, 3)).astype(np.float32), (width, height), interpolation=cv2.INTER_CUBIC)
+    slope = rng.uniform(0.1, 0.65, (3, 3)).astype(np.float32)
+    slope = cv2.resize(slope, (width, height), interpolation=cv2.INTER_CUBIC)
     colour = cv2.GaussianBlur(behind, (0, 0), rng.uniform(0.5, 4)).astype(np.float32)
     if rng.random() < 0.5:
         colour = 0.4 * colour + 0.6 * rng.uniform(120, 255)
@@ -191,5 +200,7 @@ def _screen(rng: Rng, image: Picture, pitch: float, behind: Picture) -> Layer:
     angle, shape = float(rng.normal(0, 0.2)), image.shape[:2]
     opacity = _lines(_phase(rng, shape, fine, angle), rng.uniform(0.2, 0.6), fine)
     if rng.random() < 0.7:
-        opacity = np.maximum(opacity, _lines(_phase(rng, shape, fine, angle + np.pi / 2), rng.uniform(0.2, 0.5), fine))
+        opacity = np.maximum(
+            opacity, _lines(_phase(rng, shape, fine, angle + np.pi / 2), rng.uniform(0.2, 0.5), fine)
+        )
     return _paint(rng), np.asarray(opacity * rng.uniform(0.4, 1), np.float32)

@@ -4,7 +4,8 @@
 
 PARTS holds what `render_people.py` wrote; DATA is the folder with `pairs/london` and `real`, of which the pictures that
 may be trained on are used. OUT gets `detector.onnx`, `curves.csv` and the weights. The same seed and data give the same
-scenes in the same order, and --resume goes on where a run was interrupted. PyTorch is needed here only (`pip install "guise-video[train]"`).
+scenes in the same order, and --resume goes on where a run was interrupted. PyTorch is needed here only
+(`pip install "guise-video[train]"`).
 """
 
 from __future__ import annotations
@@ -166,7 +167,9 @@ def load(net: DetectorNet, path: Path) -> None:
         net.load_state_dict(torch.load(path, weights_only=True))
         return
     model: onnx.ModelProto = onnx.load(path)
-    values = {one.name: torch.from_numpy(numpy_helper.to_array(one).copy()) for one in model.graph.initializer}
+    values = {
+        one.name: torch.from_numpy(numpy_helper.to_array(one).copy()) for one in model.graph.initializer
+    }
     stored = iter([node.input[1:] for node in model.graph.node if node.op_type == "Conv"])
     for convolution, norm in _in_order(net):
         weight, bias = (values[name] for name in next(stored))
@@ -225,7 +228,12 @@ def train(
     kept, done = output / "state.pt", 0
     if resume and kept.exists():
         state = torch.load(kept, weights_only=True)
-        for part, name in ((net, "net"), (average, "average"), (optimiser, "optimiser"), (schedule, "schedule")):
+        for part, name in (
+            (net, "net"),
+            (average, "average"),
+            (optimiser, "optimiser"),
+            (schedule, "schedule"),
+        ):
             part.load_state_dict(state[name])
         samples.first = done = state["step"]
     loader = DataLoader(samples, batch_size=None, num_workers=workers, prefetch_factor=6 if workers else None)
