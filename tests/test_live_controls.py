@@ -37,6 +37,17 @@ def test_a_number_chooses_a_face_that_is_there() -> None:
     assert controls.settings.identity == 2
 
 
+def test_a_face_that_may_be_ones_own_is_shown_when_its_key_is_pressed_again() -> None:
+    controls = Controls(3, asks=[0])
+    assert controls.is_asking, "also at the start"
+    for key, asking in (("2", False), ("1", True), ("3", False), ("1", True), ("1", False)):
+        controls.press(key)
+        assert controls.is_asking == asking, key
+    controls.press("2")
+    controls.ask_for([1])
+    assert controls.is_asking, "what was pressed before the question is no answer"
+
+
 def test_modes_and_requests() -> None:
     controls = Controls()
     for key, mode in (("p", "puppet"), ("o", "off"), ("s", "swap")):

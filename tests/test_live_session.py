@@ -97,6 +97,24 @@ def test_a_stranger_is_covered_until_they_are_known_and_then_swapped(face: Ident
     assert any("Training" in text for text in sentences)
 
 
+def test_ones_own_face_stays_covered_until_it_is_asked_for_again(face: Identity, p01: Identity) -> None:
+    controls = Controls(2)
+    work, outcomes = LiveSession(SessionConfig([p01, face], p01), controls), []
+    with one_thread(), FileCapture(CLIP, loop=False, paced=False) as capture:
+        for number, frame in enumerate(capture):
+            shown = work.process(frame, 0.0, PipelineStats())
+            outcomes.append((shown.result.outcome, "key 1" in shown.message))
+            if number in (10, 20, 21):
+                controls.press({10: "2", 20: "1", 21: "1"}[number])
+            if number == 30:
+                break
+    work.close()
+    assert outcomes[:11] == [("off", True)] * 11
+    assert outcomes[11:20] == [("swapped", False)] * 9
+    assert outcomes[21] == ("off", True)
+    assert outcomes[22:] == [("swapped", False)] * 9
+
+
 def test_a_session_that_ends_while_it_trains_leaves_nothing(
     face: Identity, brief: None, no_thread_left: None
 ) -> None:

@@ -222,7 +222,12 @@ def test_a_video_deleted_at_work_does_not_hold_up_the_next(
     page.goto(studio_server.url("/deidentify"))
     page.locator("input[type=file]").set_input_files(str(clip))
     page.wait_for_url("**/deidentify/*")
+    uploads, before = (
+        studio_server.folder / "uploads",
+        len(list((studio_server.folder / "uploads").iterdir())),
+    )
     delete(page)
+    assert len(list(uploads.iterdir())) == before - 1
     upload(page, empty_scene(tmp_path / "room.mp4"))
 
 
@@ -253,9 +258,15 @@ def test_videos_and_what_was_made_of_them_are_there_after_a_restart(
         wide = visitor.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
         assert wide[0] <= wide[1], "nothing is to be moved aside on a phone"
         assert downloaded(visitor, "Download video", tmp_path).stat().st_size > 10_000
+        uploads, id = len(list((folder / "uploads").iterdir())), reviewed.split("/")[-1]
+        for path in ("/people", "/swap", "/live"):
+            visitor.goto(server.url(path))
+            visitor.wait_for_function("window.did_handshake")
+            assert "party" not in visitor.content(), path
+        visitor.goto(server.url(reviewed))
         delete(visitor)
-        assert list((folder / "jobs" / reviewed.split("/")[-1]).glob("*")) == []
-        assert len(list((folder / "clips").iterdir())) > 0
+        assert len(list((folder / "uploads").iterdir())) == uploads - 1
+        assert list((folder / "jobs").rglob("out.mp4")) == list((folder / "jobs" / id).glob("*")) == []
 
 
 # -- the work -------------------------------------------------------------------------------------------------

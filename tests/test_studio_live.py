@@ -282,7 +282,17 @@ def test_a_newcomer_is_shown_another_face_than_their_own(browser: Any, server: S
         go_live(page)
         pressed = faces.locator("[aria-pressed=true]")
         assert pressed.count() == 1
-        assert pressed.get_attribute("aria-label") not in ("Robin", "Luca (fictional)")
+        shown = pressed.get_attribute("aria-label")
+        assert shown not in ("Robin", "Luca (fictional)")
+        page.locator("body").press("1")  # their own face: it is asked for in words
+        question = page.get_by_role("alertdialog")
+        assert question.inner_text().startswith("Robin is somebody who may be at the camera.")
+        question.get_by_role("button", name="Keep it hidden").click()
+        question.wait_for(state="detached")
+        assert pressed.get_attribute("aria-label") == shown
+        page.locator("body").press("1")
+        question.get_by_role("button", name="Show this face").click()
+        faces.get_by_role("button", name="Robin", pressed=True).wait_for()
 
 
 def test_without_a_microphone_the_camera_is_shown_and_recordings_are_silent(

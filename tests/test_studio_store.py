@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from guise.app.studio.store import CLIP, DATABASE, MAX_NAME_CHARACTERS, Store, StudioError
+from guise.app.studio.store import CLIP, CONFIDENTIAL, DATABASE, MAX_NAME_CHARACTERS, Store, StudioError
 
 TRICKS = [
     "../../evil",
@@ -175,3 +175,19 @@ def test_clips_of_an_earlier_version_are_kept_in_their_order(tmp_path: Path) -> 
         assert [clip.name for clip in store.clips()] == ["last", "first"]
         assert store.upload("a").path == tmp_path / "clips" / "a.mp4"
         store.close()
+
+
+def test_a_confidential_upload_is_no_clip_and_a_name_that_is_removed_is_gone_from_the_disk(
+    tmp_path: Path,
+) -> None:
+    store = Store(tmp_path)
+    upload = store.add_upload(CONFIDENTIAL, "whistleblower", ".mp4")
+    upload.path.write_bytes(b"video")
+    job = store.add_job("deidentify-review", {"source": str(upload.path), "name": upload.name})
+    assert store.clips() == []
+    assert store.uploads(CONFIDENTIAL) == [upload]
+    store.remove_job(job.id)
+    store.remove_upload(upload.id)
+    store.close()
+    assert files(tmp_path) == set()
+    assert not any(b"whistleblower" in path.read_bytes() for path in tmp_path.rglob("*") if path.is_file())

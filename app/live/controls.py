@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterable
 from dataclasses import replace
 from queue import SimpleQueue
 from typing import Any, Literal
@@ -57,21 +58,42 @@ class Controls:
     ----------
     identities : number of donor faces to choose from.
     settings : initial settings.
+    asks : numbers of the faces that are covered until the user agrees, as they may be the user's own.
 
     Attributes
     ----------
     requests : SimpleQueue of Request, oldest first.
     """
 
-    def __init__(self, identities: int = 1, settings: LiveSettings = USUAL_SETTINGS) -> None:
+    def __init__(
+        self, identities: int = 1, settings: LiveSettings = USUAL_SETTINGS, asks: Iterable[int] = ()
+    ) -> None:
         self.requests: SimpleQueue[Request] = SimpleQueue()
         self._identities, self._settings = identities, settings
+        self._asks, self._agreed = set(asks), set[int]()
         self._lock = threading.Lock()
 
     @property
     def settings(self) -> LiveSettings:
         """The current settings."""
         return self._settings
+
+    @property
+    def is_asking(self) -> bool:
+        """Whether the chosen face is one that is covered until the user agrees."""
+        return self.asks_for(self._settings.identity)
+
+    def asks_for(self, face: int) -> bool:
+        """Whether a face is covered until the user agrees."""
+        return face in self._asks - self._agreed
+
+    def ask_for(self, faces: Iterable[int]) -> None:
+        """Cover these faces as well until the user agrees."""
+        self._asks |= set(faces)
+
+    def agree(self, face: int) -> None:
+        """The user agrees to a face."""
+        self._agreed.add(face)
 
     def change(self, **changes: Any) -> None:
         """Change settings by name; alpha is clipped to [0, 1], an unknown identity is ignored."""
@@ -85,7 +107,10 @@ class Controls:
         """Handle a key by its lower-case name; keys without a meaning are ignored."""
         now = self._settings
         if key.isdigit() and key != "0":
-            self.change(identity=int(key) - 1)
+            face = int(key) - 1
+            if face == now.identity and self.is_asking:
+                self.agree(face)
+            self.change(identity=face)
         elif key in ("up", "down"):
             self.change(alpha=now.alpha + (ALPHA_STEP if key == "up" else -ALPHA_STEP))
         elif key in _SWITCHES:

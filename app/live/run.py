@@ -125,6 +125,7 @@ def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveRepor
         config = SessionConfig(
             identities, person, cast, name=capture.name, keep=lambda made: _keep(capture.name, made, say),
             look=options.look, recording=lambda: recordings.recording, notice=notices.current,
+            asks=not options.headless,
         )  # fmt: skip
         requests = _RequestHandler(config, controls, recordings, snapshots, say)
         pipeline = Pipeline(

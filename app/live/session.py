@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from guise.aam.model import Identity
+from guise.aam.recognition import same_person, signature
 from guise.aam.training import TrainingError, TrainingOptions
 from guise.app.drawing.look import LIVE, Look
 from guise.app.enrolment.enrol import EnrolError
@@ -27,6 +28,7 @@ from guise.common.errors import Interrupted
 
 Keep = Callable[[Identity], None]
 
+_OWN = "Face {0} may be your own, and stays covered: choose it again (key {0}) to show it."
 PROBLEM_RING_SHARE = 0.05  # of a new enrolment, up to which the problem with the previous one is shown
 
 
@@ -48,6 +50,7 @@ class SessionConfig:
     look : how faces are drawn.
     recording : returns whether the user is recording.
     notice : returns a sentence that the user should see now, or "".
+    asks : whether a face that is the person's own is covered until they agree.
     """
 
     identities: Sequence[Identity]
@@ -58,6 +61,7 @@ class SessionConfig:
     look: Look = LIVE
     recording: Callable[[], bool] = lambda: False
     notice: Callable[[], str] = str
+    asks: bool = True
 
 
 class LiveSession:
@@ -67,6 +71,8 @@ class LiveSession:
         self._config, self._controls = config, controls
         cast = config.cast or ([CastMember(config.person, config.identities)] if config.person else [])
         self._faces = LiveFaces(cast, config.look) if cast else None
+        if config.person is not None:
+            self._ask_for_own(config.person)
         self._enrolment: BackgroundEnrolment | None = None
         self._restart_requested = threading.Event()
 
@@ -79,8 +85,11 @@ class LiveSession:
         if self._faces is None:
             return self._enrol(frame, arrived, stats, settings)
         original = frame.copy() if settings.side_by_side else None
+        message = ""
+        if self._controls.is_asking:
+            settings, message = replace(settings, mode="off"), _OWN.format(settings.identity + 1)
         result = self._faces.process(frame, settings)
-        return self._shown(frame, result, stats, arrived, original=original)
+        return self._shown(frame, result, stats, arrived, message, original=original)
 
     def enrol(self) -> None:
         """Start a new enrolment with the next frame; from any thread."""
@@ -102,6 +111,7 @@ class LiveSession:
             self._enrolment = BackgroundEnrolment(self._config.name, TrainingOptions(resolution=size))
         status = self._enrolment.observe(frame)
         if self._enrolment.model is not None:
+            self._ask_for_own(self._enrolment.model)
             self._config.keep(self._enrolment.model)
             member = CastMember(self._enrolment.model, self._config.identities)
             self._faces = LiveFaces([member], self._config.look)
@@ -113,6 +123,12 @@ class LiveSession:
             draw_mesh(frame, status.mesh)
         result = FaceResult("enrolling", status.mesh, 0.0, 1)
         return self._shown(frame, result, stats, arrived, status.sentence, status.ring, original)
+
+    def _ask_for_own(self, person: Identity) -> None:
+        """Have no key show the person's own face before they agree."""
+        if self._config.asks:
+            own, faces = signature(person), map(signature, self._config.identities)
+            self._controls.ask_for(n for n, face in enumerate(faces) if same_person(own, face))
 
     def _shown(
         self, frame: Frame, result: FaceResult, stats: PipelineStats, arrived: float, message: str = "",

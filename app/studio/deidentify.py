@@ -12,11 +12,13 @@ from guise.app.studio.deidentify_editor import ACTIONS, COVERS, REGIONS, SOUNDS,
 from guise.app.studio.deidentify_jobs import REPORTS, DeidentifyChoices, download_name, render, review
 from guise.app.studio.site import Studio, choice_row, heading, page
 from guise.app.studio.store import JobRow, Upload
+from guise.app.studio.uploads import CONFIDENTIAL
 from guise.app.studio.videos import (
     VideoList,
     VideoPage,
     VideoWork,
     banner,
+    delete_unused,
     download_row,
     found_videos,
     renderings,
@@ -33,6 +35,7 @@ WORK = VideoWork(
     "found before anything is changed. Everything stays on this computer.",
     "Find faces",
     "You may leave this page and come back.",
+    CONFIDENTIAL,
 )
 TONES = {"good": "positive", "fair": "warning", "bad": "negative"}
 CAVEATS = (
@@ -46,6 +49,7 @@ def register(studio: Studio) -> None:
     """Add the pages and their jobs."""
     studio.jobs.register(WORK.find, review)
     studio.jobs.register(WORK.render, render)
+    delete_unused(studio, WORK)
     page(studio, PATH, "De-identify", lambda: _list(studio))
     page(studio, PATH + "/{id}", "De-identify", lambda id: _ReviewPage(studio, id).build())
 

@@ -28,6 +28,7 @@ from guise.app.live.virtualcam import VirtualCamera
 from guise.app.media import MediaError
 from guise.app.media.pictures import save_picture
 from guise.app.people.montage import montage
+from guise.app.studio.dialogs import confirm
 from guise.app.studio.frame_socket import Peer, PeerOutput
 from guise.app.studio.live_elements import figures, graph, select, video
 from guise.app.studio.live_run import LiveRun
@@ -94,7 +95,10 @@ class _LivePage:
     def __init__(self, studio: Studio, runs: set[LiveRun], peers: dict[str, Peer]) -> None:
         self.studio, self._runs, self._peers = studio, runs, peers
         self._faces = studio.faces()
-        self._controls = Controls(len(self._faces), LiveSettings(identity=self._first_face(), mirror=True))
+        first = self._first_face()
+        real = (n for n, face in enumerate(self._faces) if face.endswith(MODEL_SUFFIX) and n != first)
+        self._controls = Controls(len(self._faces), LiveSettings(identity=first, mirror=True), real)
+        self._asking = False  # whether a face of a real person may be shown
         self._folder = Path(tempfile.mkdtemp(prefix="guise-live-"))
         self._peer: Peer | None = None
         self._run: LiveRun | None = None
@@ -287,9 +291,18 @@ class _LivePage:
             most = max(able, key=lambda n: cosine_similarity(own, signature(faces[n])))
             self._controls.change(identity=next(n for n in able if n != most))
 
-    def _choose_face(self, number: int) -> None:
-        self._proposes = False
-        self._controls.change(identity=number)
+    async def _choose_face(self, number: int) -> None:
+        """Show a face; one that may be the user's own only after they agree."""
+        if self._controls.asks_for(number) and not self._asking:
+            self._asking, name = True, list(self._faces.values())[number]
+            question = f"{name} is somebody who may be at the camera. Show that face, recognisable to anyone?"
+            if await confirm(question, "Show this face", "Keep it hidden"):
+                self._controls.agree(number)
+            self._asking = False
+        if 0 <= number < len(self._faces) and not self._controls.asks_for(number):
+            self._proposes = False
+            self._controls.change(identity=number)
+        self._show_settings()
 
     def _keep(self, faces: Sequence[Identity], made: Identity) -> None:
         """Add a newly enrolled person to the studio's people; called in the run's processing thread."""
@@ -357,8 +370,9 @@ class _LivePage:
             await self._toggle_recording()
         elif key == "c":
             await self._snapshot()
-        elif key.isdigit() or key in ("up", "down", "s", "p", "o", "m", "k", "l"):
-            self._proposes = self._proposes and not key.isdigit()
+        elif key.isdigit():
+            await self._choose_face(int(key) - 1)
+        elif key in ("up", "down", "s", "p", "o", "m", "k", "l"):
             self._controls.press(key)
             self._show_settings()
 

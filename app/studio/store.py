@@ -26,7 +26,8 @@ State = Literal["waiting", "running", "done", "failed", "cancelled"]
 
 FOLDERS = ("clips", "people", "uploads", "jobs")
 DATABASE = "studio.sqlite"
-CLIP = "clip"  # the kind of uploads that are videos
+CLIP = "clip"  # the kind of uploads that are videos, and of those that are to be de-identified, which are nowhere else
+CONFIDENTIAL = "confidential"
 CLIP_SUFFIXES = VIDEO_SUFFIXES | FORMS.keys()  # animated pictures too
 _PRIVATE = 0o700  # as all of it is biometric data
 MAX_NAME_CHARACTERS = 80
@@ -162,7 +163,7 @@ class Store:
 
     def add_upload(self, kind: str, name: str, suffix: str) -> Upload:
         """Add a file that the caller writes.  StudioError when the suffix of a clip is not a video's."""
-        if kind == CLIP and suffix.lower() not in CLIP_SUFFIXES:
+        if kind in (CLIP, CONFIDENTIAL) and suffix.lower() not in CLIP_SUFFIXES:
             raise StudioError(
                 f"{_clean(name)} isn't a video file that Guise reads: use .mp4, .webm, .mov or .mkv"
             )
@@ -211,8 +212,11 @@ class Store:
         )
 
     def remove_job(self, id: str) -> None:
-        """Delete a job and its folder."""
-        shutil.rmtree(self.folder_of(id), ignore_errors=True)
+        """Delete a job and its folder.  StudioError when the folder cannot be deleted."""
+        folder = self.folder_of(id)
+        shutil.rmtree(folder, ignore_errors=True)
+        if folder.exists():
+            raise StudioError(f"{folder} cannot be deleted: close what uses it, and delete again")
         self._run("DELETE FROM jobs WHERE id = ?", (id,))
 
     def folder_of(self, id: str) -> Path:
@@ -274,7 +278,8 @@ def _open(folder: Path) -> sqlite3.Connection:
         (folder / DATABASE).chmod(_PRIVATE & 0o600)
         database = sqlite3.connect(folder / DATABASE, timeout=0.5, check_same_thread=False)
         database.executescript(
-            f"PRAGMA locking_mode=EXCLUSIVE; PRAGMA journal_mode=WAL; PRAGMA synchronous=NORMAL; {_TABLES}"
+            f"PRAGMA locking_mode=EXCLUSIVE; PRAGMA journal_mode=WAL; PRAGMA synchronous=NORMAL; "
+            f"PRAGMA secure_delete=ON; {_TABLES}"
         )
         return database
     except sqlite3.OperationalError as error:

@@ -79,6 +79,7 @@ CLIP = UploadKind(
     _check_video,
     moves=True,
 )
+CONFIDENTIAL = replace(CLIP, name=store.CONFIDENTIAL)
 PICTURE = UploadKind(
     "picture",
     "a picture",
@@ -104,7 +105,7 @@ async def read_upload(
     fitting = [kind for kind in kinds if file.suffix.lower() in kind.suffixes]
     if not fitting:
         raise StudioError(f"{file.name} {_none_of(kinds)}")
-    with tempfile.TemporaryDirectory(dir=studio.store.folder) as folder:
+    with tempfile.TemporaryDirectory(dir=studio.store.incoming) as folder:
         part = Path(folder, f"part{file.suffix.lower()}")
         await event.file.save(part)
         moves = len(fitting) > 1 and await run.io_bound(kind_of, part) != "image"
@@ -176,7 +177,9 @@ def _require(kind: UploadKind, part: Path, row: Upload) -> None:
         kind.check(part, row.preview)
     except GuiseError as error:
         why = f"{row.name} isn't {kind.noun} that Guise reads: {kind.advice}"
-        raise StudioError(why if kind is CLIP else explain(error)[0].replace(str(part), row.name)) from error
+        raise StudioError(
+            why if kind.check is _check_video else explain(error)[0].replace(str(part), row.name)
+        ) from error
 
 
 def _none_of(kinds: Sequence[UploadKind]) -> str:

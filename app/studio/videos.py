@@ -19,7 +19,8 @@ from guise.app.studio.dialogs import confirm
 from guise.app.studio.pictures import data_url
 from guise.app.studio.site import Studio, heading, local_time, show_job
 from guise.app.studio.store import CLIP, JobRow, MissingError, Upload
-from guise.app.studio.uploads import uploader
+from guise.app.studio.uploads import CLIP as CLIPS
+from guise.app.studio.uploads import UploadKind, uploader
 from guise.common.arrays import U8
 from guise.common.errors import GuiseError
 from guise.common.failures import explain
@@ -43,6 +44,7 @@ class VideoWork:
     ----------
     path : of the page.   find, render : kinds of its jobs.
     intro : above the list.   begin : on the button that begins with a video.   finding : while it is looked through.
+    uploads : the kind of the videos that are uploaded there.
     """
 
     path: str
@@ -51,6 +53,7 @@ class VideoWork:
     intro: str
     begin: str
     finding: str
+    uploads: UploadKind = CLIPS
 
 
 def sample_clip(studio: Studio) -> Upload:
@@ -85,6 +88,27 @@ def renderings(studio: Studio, work: VideoWork, id: str) -> list[JobRow]:
     return [job for job in jobs if job.state != "cancelled"]
 
 
+def delete(studio: Studio, work: VideoWork, id: str) -> None:
+    """Delete all of a video: what was found, its renderings, and the upload, unless that is a clip of another page."""
+    jobs = [job.id for job in studio.store.jobs() if id in (job.id, job.about.get("id"))]
+    for job in jobs:
+        studio.jobs.cancel(job)
+    for job in jobs:
+        studio.store.remove_job(job)
+    delete_unused(studio, work)
+
+
+def delete_unused(studio: Studio, work: VideoWork) -> None:
+    """Delete what was cancelled, and uploads for this work alone of which nothing else is left."""
+    for job in studio.store.jobs():
+        if job.kind == work.find and job.state == "cancelled":
+            studio.store.remove_job(job.id)
+    used = {Path(job.about["source"]).name for job in found_videos(studio, work)}
+    for upload in studio.store.uploads(work.uploads.name) if work.uploads is not CLIPS else ():
+        if upload.path.name not in used:
+            studio.store.remove_upload(upload.id)
+
+
 def start_rendering(studio: Studio, work: VideoWork, found: JobRow, choices: Any, **more: str) -> None:
     """Render a video with the user's choices, a dataclass, unless that is waiting or under way already."""
     about = found.about | {
@@ -114,7 +138,7 @@ class VideoList:
         with ui.column().classes("w-full"):
             ui.label(work.intro)
             with ui.row():
-                field = uploader(studio, "Upload videos", self._uploaded, several=True)
+                field = uploader(studio, "Upload videos", self._uploaded, (work.uploads,), several=True)
                 field.on("added", self._count, js_handler="(files) => emit(files.length)")
                 sample = ui.button("Try a sample clip", icon="movie")
                 sample.on_click(lambda: begin(studio, work, sample_clip(studio))).props("outline")
@@ -146,6 +170,7 @@ class VideoList:
     @ui.refreshable_method
     def entries(self) -> None:
         """What was begun, newest first, each with its progress."""
+        delete_unused(self._studio, self._work)
         jobs = found_videos(self._studio, self._work)
         if not jobs:
             return
@@ -228,6 +253,7 @@ class VideoPage:
             self.choices()
             self.results()
         else:
+            delete_unused(self.studio, self.work)
             banner(_BAD, "Nothing was done", job.sentence or "You cancelled it.")
 
     @ui.refreshable_method
@@ -243,11 +269,14 @@ class VideoPage:
                     self.result(job)
 
     async def _delete(self) -> None:
-        question = "Delete what was found in this video and all its renderings? The video itself is kept."
+        is_clip = Path(self.job.about["source"]).name in {
+            clip.path.name for clip in self.studio.store.clips()
+        }
+        kept, gone = "The video itself is kept, on the page People.", "The uploaded video is deleted, too."
+        video = kept if is_clip else f"{gone} This cannot be undone."
+        question = f"Delete what was found in this video and all its renderings? {video}"
         if await confirm(question, "Delete", "Keep"):
-            for job in [*self.made, self.job]:
-                self.studio.jobs.cancel(job.id)
-                self.studio.store.remove_job(job.id)
+            delete(self.studio, self.work, self.job.id)
             ui.navigate.to(self.work.path)
 
 
