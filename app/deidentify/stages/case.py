@@ -31,7 +31,7 @@ from guise.app.people.faces import SegmentFaces
 from guise.app.swapping.donors import heads_for
 from guise.common.memory import free_bytes
 
-KEPT_BYTES = 400 << 20  # at most, of the frames of a short file
+KEPT_BYTES = 200 << 20  # at most, of the frames of a short file
 KEPT_SHARE = 0.25  # at most, of the memory that is free
 KEPT = KeptFrames(lambda: min(KEPT_BYTES, int(KEPT_SHARE * free_bytes())))
 LEAD_FRAMES = 16  # by which a rendered segment begins after its keyframe, for the light to be measured over
