@@ -18,20 +18,21 @@ Picture = U8
 Rng = np.random.Generator
 Layer = tuple[F32, F32]  # colour (h, w, 3) or (3,), and opacity (h, w)
 
-MOST = 0.72  # opacity on average over a face, up to which it is plain to see
+MOST = 0.8  # opacity on average over a face, up to which it is plain to see
 _CLEAR = 0.5  # opacity of a point that is in sight
 _LETTERS = np.array(list("ABCDEFGHIKLMNOPRSTUVWZaeinorst0123456789©. "))
 
 
-def before(rng: Rng, image: Picture, pitch: float, behind: Picture) -> tuple[Picture, F32]:
+def before(rng: Rng, image: Picture, pitch: float, near: F64, behind: Picture) -> tuple[Picture, F32]:
     """A picture behind something, and the opacity (h, w) of that.
 
-    pitch : pixels, from one line to the next.   behind : another picture of that size, for walls and reflections.
+    pitch : pixels, from one line to the next.   near : (2,) a place through which an edge may pass.
+    behind : another picture of that size, for walls and reflections.
     """
-    makers: tuple[Callable[[Rng, Picture, float, Picture], Layer], ...] = (
-        _slats, _slats, _wires, _net, _shade, _watermark, _watermark, _wall, _glass, _screen,
+    makers: tuple[Callable[[Rng, Picture, float, F64, Picture], Layer], ...] = (
+        _slats, _slats, _wires, _wires, _net, _shade, _watermark, _watermark, _wall, _wall, _glass, _screen,
     )  # fmt: skip
-    colour, opacity = makers[int(rng.integers(len(makers)))](rng, image, pitch, behind)
+    colour, opacity = makers[int(rng.integers(len(makers)))](rng, image, pitch, near, behind)
     if rng.random() < 0.4:  # out of focus
         opacity = np.asarray(
             cv2.GaussianBlur(opacity, (0, 0), rng.uniform(0.4, 0.12 * pitch + 0.5)), np.float32
@@ -85,7 +86,7 @@ def _paint(rng: Rng) -> F32:
     return np.asarray(rng.uniform(0, 255, 3), np.float32)
 
 
-def _slats(rng: Rng, image: Picture, pitch: float, behind: Picture) -> Layer:
+def _slats(rng: Rng, image: Picture, pitch: float, near: F64, behind: Picture) -> Layer:
     """Blinds, a railing, a fence of boards: parallel, round or flat, each in its own light, mostly upright."""
     angle = rng.choice([0, np.pi / 2]) + (
         rng.normal(0, 0.12) if rng.random() < 0.7 else rng.uniform(-0.8, 0.8)
@@ -104,10 +105,10 @@ def _slats(rng: Rng, image: Picture, pitch: float, behind: Picture) -> Layer:
     return colour.astype(np.float32), opacity
 
 
-def _wires(rng: Rng, image: Picture, pitch: float, behind: Picture) -> Layer:
+def _wires(rng: Rng, image: Picture, pitch: float, near: F64, behind: Picture) -> Layer:
     """A fence of crossed wires, square or slanted."""
     first = rng.choice([0, np.pi / 4]) + rng.normal(0, 0.15)
-    share = rng.uniform(0.05, 0.3)
+    share = rng.uniform(0.05, 0.5)
     parts = [
         _lines(_phase(rng, image.shape[:2], pitch, float(first + turn)), share, pitch)
         for turn in (0, np.pi / 2 + rng.normal(0, 0.15))
@@ -115,21 +116,21 @@ def _wires(rng: Rng, image: Picture, pitch: float, behind: Picture) -> Layer:
     return _paint(rng), np.maximum(*parts)
 
 
-def _net(rng: Rng, image: Picture, pitch: float, behind: Picture) -> Layer:
+def _net(rng: Rng, image: Picture, pitch: float, near: F64, behind: Picture) -> Layer:
     """Chain links, nets and hexagons: wavy threads that meet."""
     height, width = image.shape[:2]
     y, x = np.mgrid[:height, :width].astype(np.float32) / pitch
     angle = rng.normal(0, 0.3)
     u, v = np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x
     sway = rng.uniform(0.15, 0.4)
-    share, opacity = rng.uniform(0.06, 0.25), np.zeros((height, width), np.float32)
+    share, opacity = rng.uniform(0.06, 0.4), np.zeros((height, width), np.float32)
     for half in (0.0, 0.5):
         wave = sway * (2 * np.abs((v + half) % 1 - 0.5) - 0.5) * 2
         opacity = np.maximum(opacity, _lines((u + wave + half).astype(np.float32), share, pitch))
     return _paint(rng), opacity
 
 
-def _shade(rng: Rng, image: Picture, pitch: float, behind: Picture) -> Layer:
+def _shade(rng: Rng, image: Picture, pitch: float, near: F64, behind: Picture) -> Layer:
     """Blotches of sun and shade, round or drawn out, some of them hard."""
     noise = np.zeros(image.shape[:2], np.float32)
     for scale in (1.0, 0.4):
@@ -147,7 +148,7 @@ def _shade(rng: Rng, image: Picture, pitch: float, behind: Picture) -> Layer:
     return np.asarray(colour, np.float32), np.asarray(dark, np.float32)
 
 
-def _watermark(rng: Rng, image: Picture, pitch: float, behind: Picture) -> Layer:
+def _watermark(rng: Rng, image: Picture, pitch: float, near: F64, behind: Picture) -> Layer:
     """Words, rings and strokes, tiled over the picture, turned, half transparent."""
     height, width = image.shape[:2]
     side = int(1.5 * max(height, width))
@@ -169,12 +170,12 @@ def _watermark(rng: Rng, image: Picture, pitch: float, behind: Picture) -> Layer
     return np.full(3, shade, np.float32), np.asarray(drawn * (rng.uniform(0.25, 0.9) / 255), np.float32)
 
 
-def _wall(rng: Rng, image: Picture, pitch: float, behind: Picture) -> Layer:
+def _wall(rng: Rng, image: Picture, pitch: float, near: F64, behind: Picture) -> Layer:
     """A wall, a desk, a hedge or a lectern up to an edge, from one side, mostly from below."""
     height, width = image.shape[:2]
-    angle = rng.normal(0, 0.15) if rng.random() < 0.7 else rng.uniform(0, 2 * np.pi)
+    angle = rng.normal(0, 0.15) if rng.random() < 0.8 else rng.uniform(0, 2 * np.pi)
     y, x = np.mgrid[:height, :width].astype(np.float32)
-    at = rng.uniform(0.15, 0.85) * np.array([width, height])
+    at = near if rng.random() < 0.7 else rng.uniform(0.15, 0.85) * np.array([width, height])
     beyond = np.cos(angle) * (y - at[1]) - np.sin(angle) * (x - at[0])
     if rng.random() < 0.25:
         beyond = beyond + rng.uniform(1, 0.1 * pitch + 2) * np.sin(x / rng.uniform(2, 12) + rng.random())
@@ -183,7 +184,7 @@ def _wall(rng: Rng, image: Picture, pitch: float, behind: Picture) -> Layer:
     return np.clip(colour, 0, 255), np.asarray(np.clip(beyond + 0.5, 0, 1), np.float32)
 
 
-def _glass(rng: Rng, image: Picture, pitch: float, behind: Picture) -> Layer:
+def _glass(rng: Rng, image: Picture, pitch: float, near: F64, behind: Picture) -> Layer:
     """A pane that mirrors another scene, stained by drops or steam."""
     height, width = image.shape[:2]
     slope = rng.uniform(0.1, 0.65, (3, 3)).astype(np.float32)
@@ -194,7 +195,7 @@ def _glass(rng: Rng, image: Picture, pitch: float, behind: Picture) -> Layer:
     return np.asarray(colour, np.float32), np.clip(slope, 0, 0.75)
 
 
-def _screen(rng: Rng, image: Picture, pitch: float, behind: Picture) -> Layer:
+def _screen(rng: Rng, image: Picture, pitch: float, near: F64, behind: Picture) -> Layer:
     """An insect screen, a curtain, the lines of a display: fine, half transparent."""
     fine = float(rng.uniform(2, 7))
     angle, shape = float(rng.normal(0, 0.2)), image.shape[:2]

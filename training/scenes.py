@@ -14,9 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.landmarks.schemes import (
-    IBUG68,
-)
+from guise.aam.landmarks import LEFT_EYE, RIGHT_EYE
+from guise.aam.landmarks.schemes import IBUG68, NOSE_BASE
 from guise.common.arrays import F32, F64, U8
 from training.backgrounds import CLIPS, random_background
 from training.camera import camera, lit
@@ -105,9 +104,12 @@ class Scenes:
         self, rng: Rng, image: Picture, faces: Sequence[Floats], kinds: Sequence[str]
     ) -> tuple[Picture, list[str]]:
         """The scene behind bars, a watermark and the like; of faces that nobody could see then nothing is asked."""
-        side = float(np.ptp(faces[int(rng.integers(len(faces)))], axis=0).max()) if faces else 60.0
+        face = faces[int(rng.integers(len(faces)))] if faces else rng.uniform(0, SIZE, (len(IBUG68), 2))
+        near = face[[*RIGHT_EYE, *LEFT_EYE]].mean(0)
+        near = near + rng.uniform(0.15, 0.9) * (face[NOSE_BASE] - near)
+        side = float(np.ptp(face, axis=0).max())
         pitch = float(np.clip(side * np.exp(rng.uniform(np.log(0.1), np.log(0.8))), 4, 160))
-        image, opacity = before(rng, image, pitch, self._background(rng))
+        image, opacity = before(rng, image, pitch, near, self._background(rng))
         kinds = [
             "unsure" if kind == "face" and not is_plain(opacity, face) else kind
             for kind, face in zip(kinds, faces, strict=True)
