@@ -240,7 +240,7 @@ def deidentify(
     output: AnyPath | None = None,
     *,
     identity: str = "auto",
-    cover: Literal["solid", "mosaic", "blur"] = "solid",
+    cover: str = "solid",
     seed: int = 0,
     audio: Literal["keep", "drop", "mask", "disguise"] = "keep",
     region: Literal["face", "head"] = "face",
@@ -257,7 +257,7 @@ def deidentify(
     inputs : videos, images or folders.
     output : of a single input, or a folder for all; by default beside each input, as NAME_deidentified.
     identity : "auto" (fictional people), "same", "mean:K", or a face as for `load`.
-    cover : how a face that is not swapped is covered.
+    cover : how a face that is not swapped is covered: "solid", "mosaic", "blur", "emoji" or "image:FILE".
     seed : of the choice of donors.
     audio : "mask" lowers voices, "disguise" makes them whisper.
     region : "head" replaces hair, ears and outline as well.

@@ -20,7 +20,7 @@ from guise.app.live.session import SessionConfig
 from guise.app.media import EncodeOptions
 from guise.app.meshes.options import TransferOptions
 from guise.app.photos.options import AnalogyOptions
-from guise.app.swapping.cover import CoverStyle
+from guise.app.swapping.cover import STRENGTHS, CoverStyle
 from guise.app.swapping.report import SwapSettings
 from guise.common.option import option, options_of
 from guise.render.compositor import Renderer
@@ -98,7 +98,9 @@ def test_choices_are_what_the_engine_does_by_default() -> None:
 def test_values_are_those_that_the_rooms_know() -> None:
     assert options_of(DrawingChoices)["renderer"][2] == Renderer
     assert options_of(DeidentifyOptions)["renderer"][2] == Renderer
-    assert options_of(DeidentifyOptions)["cover"][2] == options_of(LiveSettings)["style"][2] == CoverStyle
+    assert options_of(LiveSettings)["style"][2] == CoverStyle
+    strength = options_of(DeidentifyOptions)["cover_strength"][0]
+    assert range(int(strength.least or 0), int(strength.most or 0) + 1) == STRENGTHS
     assert options_of(TransferOptions)["method"][2] == MeshMethod
     assert options_of(AnalogyOptions)["method"][2] == PhotoMethod
     assert options_of(AnalogyOptions)["mouth"][2] == Mouth

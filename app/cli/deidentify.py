@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 WORK = "guise-work"
 OPTIONS = (
-    "donor", "gallery", "cover", "region", "alpha", "renderer", "seed", "keyfile", "audio", "keep_metadata", "label",
-    "audit", "detector", "start", "end", "outside",
+    "donor", "gallery", "cover", "cover_strength", "region", "alpha", "renderer", "seed", "keyfile", "audio",
+    "keep_metadata", "label", "audit", "detector", "start", "end", "outside",
 )  # fmt: skip
 
 

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from guise.app.media import EncodeOptions
     from guise.app.media.time_range import TimeRange
 
-Cover = Literal["solid", "mosaic", "blur"]
 Audio = Literal["keep", "drop", "mask", "disguise"]
 Region = Literal["face", "head"]
 Outside = Literal["keep", "cut"]
@@ -55,7 +54,17 @@ class DeidentifyOptions:
     gallery: tuple[Path, ...] = option(
         (), "A face to choose from, instead of all fictional ones; may be repeated.", metavar="FACE"
     )
-    cover: Cover = option("solid", "How a face that is not swapped is covered.")
+    cover: str = option(
+        "solid",
+        "How a face that is not swapped is covered; emoji is a smiling face.",
+        metavar="solid|mosaic|blur|emoji|image:FILE",
+    )
+    cover_strength: int = option(
+        1,
+        "How much mosaic and blur hide, 1 to 5: at 1 the mean colours of six cells across stay, at 5 of two.",
+        least=1,
+        most=5,
+    )
     alpha: float = option(
         0.3,
         "How much expression beyond the identity's own range is passed on, 0 to 1.",

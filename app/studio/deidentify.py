@@ -156,7 +156,7 @@ def _chosen(choices: DeidentifyChoices) -> str:
     done = list(choices.actions.values())
     faces = ", ".join(f"{done.count(action)} to {action}" for action in ACTIONS if action in done)
     return (
-        f"Tracks: {faces or 'none'}. Covers: {COVERS[choices.cover].lower()}. "
+        f"Tracks: {faces or 'none'}. Covers: {COVERS.get(choices.cover, 'a picture').lower()}. "
         f"Expression: {choices.alpha:.1f}. Sound: {SOUNDS[choices.audio].lower()}. "
         f"Replaced: {REGIONS[choices.region].lower()}."
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,12 +20,13 @@ from guise.app.studio.portraits import Portraits
 from guise.app.studio.site import Studio, choice_row
 from guise.app.studio.store import JobRow
 from guise.app.studio.videos import PREVIEW_WIDTH_PIXELS, FrameComparison, title
+from guise.app.swapping.cover import STRENGTHS
 from guise.common.arrays import U8
 
 TRACKS_PER_PAGE = 20
 ANY_DONOR = "any fictional person"
 ACTIONS = {"swap": "Swap", "cover": "Cover", "leave": "Leave"}
-COVERS = {"solid": "Solid", "mosaic": "Mosaic", "blur": "Blur"}
+COVERS = {"solid": "Solid", "mosaic": "Mosaic", "blur": "Blur", "emoji": "Smiley"}
 SOUNDS = {"keep": "Keep", "drop": "Drop", "mask": "Lower voices", "disguise": "Whisper"}
 REGIONS = {"face": "Face", "head": "Head"}
 HINT = (
@@ -199,6 +200,11 @@ class TrackEditor:
     def _settings(self) -> None:
         with ui.card().classes("w-full"):
             self._setting("Covers", "cover", COVERS)
+            strengths = {one: str(one) for one in STRENGTHS}
+            self._setting("Strength", "cover_strength", strengths)
+            ui.label("Of mosaic and blur: 1 leaves the mean colours of six cells across, 5 of two.").classes(
+                "opacity-70"
+            )
             self._setting("Sound", "audio", SOUNDS)
             self._setting("Replaced", "region", REGIONS)
             with ui.row().classes("items-center w-full no-wrap pr-4"):
@@ -208,7 +214,7 @@ class TrackEditor:
                 slider.props('label aria-label="Expression"')
             ui.label("0: only expressions in the donor's own range; 1: all of it.").classes("opacity-70")
 
-    def _setting(self, label: str, name: str, options: dict[str, str]) -> None:
+    def _setting(self, label: str, name: str, options: Mapping[Any, str]) -> None:
         toggle = choice_row(label, options, getattr(self._choices, name))
         toggle.on_value_change(lambda event: self._set(name, event.value))
 

@@ -27,7 +27,6 @@ from guise.app.media.pictures import save_picture
 from guise.app.media.stream_copies import suffix_for
 from guise.app.studio.pictures import fitted_to, frames_until
 from guise.app.studio.store import StudioError
-from guise.app.swapping.cover import CoverStyle
 from guise.app.swapping.policy import Action
 from guise.common.arrays import U8
 from guise.common.files import write_whole
@@ -47,12 +46,13 @@ class DeidentifyChoices:
     ----------
     actions : by track.   donors : by person; "" lets Guise choose.  Keys are numbers as text, as in JSON.
     people : by track, whose it is, where the user has changed that.   names : by person.
-    cover, alpha, audio, region : as in `guise.app.deidentify.options.Options`.
+    cover, cover_strength, alpha, audio, region : as in `guise.app.deidentify.options.Options`.
     """
 
     actions: dict[str, Action]
     donors: dict[str, str]
-    cover: CoverStyle = DeidentifyOptions().cover
+    cover: str = DeidentifyOptions().cover
+    cover_strength: int = DeidentifyOptions().cover_strength
     alpha: float = DeidentifyOptions().alpha
     audio: Audio = DeidentifyOptions().audio
     region: Region = DeidentifyOptions().region
@@ -83,7 +83,8 @@ class DeidentifyChoices:
 
     def options(self) -> DeidentifyOptions:
         """As `deidentify_file` takes them."""
-        return DeidentifyOptions(cover=self.cover, alpha=self.alpha, audio=self.audio, region=self.region)
+        names = ("cover", "cover_strength", "alpha", "audio", "region")
+        return DeidentifyOptions(**{name: getattr(self, name) for name in names})
 
 
 def read_tracks(folder: Path) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -145,11 +145,11 @@ def heading(text: str, level: int = 2) -> ui.label:
     return ui.label(text).props(f"role=heading aria-level={level}").classes(classes)
 
 
-def choice_row(label: str, options: dict[str, str], value: str) -> ui.toggle:
+def choice_row(label: str, options: Mapping[Any, str], value: Any) -> ui.toggle:
     """A labelled row of buttons, one of which is chosen."""
     with ui.row().classes("items-center"):
         ui.label(label).classes("w-24")
-        toggle = ui.toggle(options, value=value)
+        toggle = ui.toggle(dict(options), value=value)
     return toggle.props(f'no-caps role="group" aria-label="{label}"')
 
 

@@ -18,7 +18,7 @@ from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
 from guise.app.media import Frame, MediaInput, ProcessStats, Sink, process
 from guise.app.media.time_range import TimeRange, within
-from guise.app.swapping.cover import CoverStyle, cover
+from guise.app.swapping.cover import Covering, CoverStyle, cover
 from guise.app.swapping.policy import COVERED, DONE, LIMITS, SWAPPED, FacePlace, FaceTreatment, FollowedFace
 from guise.common.arrays import F64
 from guise.common.closing import Closing
@@ -91,7 +91,7 @@ class SwapSession(Closing, Generic[D]):
     def __init__(
         self,
         open_engine: Callable[[int], D],
-        style: CoverStyle | None = None,
+        style: CoverStyle | Covering | None = None,
         detector: ScoredDetector | None = None,
     ) -> None:
         self._open_engine, self._style, self._detector = open_engine, style, detector

@@ -10,6 +10,7 @@ from guise.aam.landmarks import open_detector
 from guise.app.deidentify.options import DeidentifyError, DeidentifyOptions
 from guise.app.media.encoder import check_options
 from guise.app.media.provenance import check_signing
+from guise.app.swapping.cover import IMAGE_PREFIX, Covering
 from guise.app.swapping.donors import (
     AVERAGE_PREFIX,
     MEAN_PREFIX,
@@ -47,7 +48,7 @@ def checked(options: DeidentifyOptions, outputs: Iterable[Path]) -> DeidentifyOp
         options, gallery=tuple(Path(_absolute(str(spec))) for spec in options.gallery),
         donor=_each_part(options.donor, _absolute), keyfile=_key_file(options.keyfile),
         certificate=_existing(options.certificate, "certificate"), key=_existing(options.key, "key"),
-        detector=_detector(options.detector),
+        detector=_detector(options.detector), cover=_cover(options),
     )  # fmt: skip
     if options.certificate and options.key:
         for output in {output.suffix: output for output in outputs}.values():
@@ -65,6 +66,16 @@ def _each_part(donor: str, change: Callable[[str], str]) -> str:
 def _absolute(spec: str) -> str:
     """A spec with an absolute path."""
     return str(Path(spec).absolute()) if spec.endswith(MODEL_SUFFIX) else spec
+
+
+def _cover(options: DeidentifyOptions) -> str:
+    """What covers faces, with an absolute path in it."""
+    try:
+        Covering.of(options.cover, options.cover_strength)
+    except ValueError as error:
+        raise DeidentifyError(f"--cover {options.cover}: {error}") from None
+    path = options.cover.removeprefix(IMAGE_PREFIX)
+    return options.cover if path == options.cover else f"{IMAGE_PREFIX}{Path(path).absolute()}"
 
 
 def _detector(spec: str | None) -> str | None:

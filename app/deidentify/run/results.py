@@ -64,9 +64,12 @@ def _settings(options: DeidentifyOptions) -> dict[str, Any]:
         k: v and Path(v).name for k, v in options.as_json().items() if k in ("keyfile", "certificate", "key")
     }
     gallery = [path.name for path in options.gallery]
+    cover = options.cover.partition(":")[0]
     detector = options.detector and options.detector.partition(":")[0]
     return (
-        options.as_json() | named | {"donor": bare(options.donor), "gallery": gallery, "detector": detector}
+        options.as_json()
+        | named
+        | {"donor": bare(options.donor), "gallery": gallery, "detector": detector, "cover": cover}
     )
 
 

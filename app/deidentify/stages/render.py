@@ -31,6 +31,7 @@ from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
 from guise.app.drawing.look import DISGUISE
 from guise.app.media import Frame
+from guise.app.swapping.cover import Covering
 from guise.app.swapping.donors import open_donor
 from guise.app.swapping.policy import COVERED, NOBODY, SWAPPED, FaceTreatment, frames_within
 from guise.app.swapping.policy import LIMITS as POLICY
@@ -66,7 +67,8 @@ class SegmentRenderer(Closing):
         self._tracks = {track.number: track for track in case.tracks}
         self._shapes = _shapes(case, segment)
         self._segment = segment
-        self._session = SwapSession(self._open_engine, case.options.cover)
+        covering = Covering.of(case.options.cover, case.options.cover_strength)
+        self._session = SwapSession(self._open_engine, covering)
         self._heads: dict[int, HeadPainter] = {}
         self._plates: dict[int, Plate | None] = {}  # by shot
         self._gaps = _gaps(case, segment)
