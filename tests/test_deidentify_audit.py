@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -26,6 +28,8 @@ from guise.app.media import Frame, open_input
 from guise.app.swapping.cover import CoverStyle, cover
 from guise.app.swapping.policy import COVERED, LEFT, SWAPPED, FaceTreatment
 
+YUNET = Path(__file__).parents[2] / "shared" / "models" / "yunet_2026may.onnx"
+needs_yunet = pytest.mark.skipif(not YUNET.is_file(), reason="the YuNet model is not there")
 FRAMES = (0, 40)
 RATE = 30.0
 BOX = np.array([10, 20, 50, 70], np.float32)
@@ -270,6 +274,19 @@ def test_another_detector_searches_instead() -> None:
     assert max(iou(one, box) for one in with_lbp.boxes) > 0.4
     with pytest.raises(LandmarkError, match="face detector must be one of"):
         AuditSearch("magic")
+
+
+@pytest.mark.parametrize("spec", ["lbp", pytest.param(f"yunet:{YUNET}", marks=needs_yunet)])
+def test_a_detector_searches_in_two_threads(spec: str) -> None:
+    """OpenCV's detectors keep what they are searching: shared by threads, they mix pictures up, or crash."""
+    pictures = [still(degrees)[0][:: 1 + k, :: 1 + k].copy() for k, degrees in enumerate((0, 8))]
+    searched = AuditSearch(spec)
+    alone = [searched._boxes(picture, None) for picture in pictures]
+    with ThreadPoolExecutor(2) as threads:
+        together = list(threads.map(lambda k: searched._boxes(pictures[k % 2], None), range(12)))
+    for k, found in enumerate(together):
+        np.testing.assert_array_equal(found.boxes, alone[k % 2].boxes)
+        np.testing.assert_array_equal(found.scores, alone[k % 2].scores)
 
 
 def test_what_only_a_cover_s_edge_makes_a_face_is_none() -> None:

@@ -11,6 +11,7 @@ radians, by which a face is rolled clockwise.
 
 from __future__ import annotations
 
+import threading
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -111,6 +112,24 @@ class DrawnFace:
         return np.asarray(share > LIMITS.min_shown)
 
 
+class _DetectorPerThread:
+    """A detector for each thread that asks for one: those of OpenCV keep the picture that they are searching.
+
+    spec : as `guise.aam.landmarks.open_detector` takes it; the first is opened at once, so that errors show.
+    """
+
+    def __init__(self, spec: str) -> None:
+        self._spec, self._opened = spec, threading.local()
+        self.own()
+
+    def own(self) -> BoxDetector:
+        """The detector of this thread."""
+        if not hasattr(self._opened, "detector"):
+            self._opened.detector = open_detector(self._spec)
+        detector: BoxDetector = self._opened.detector
+        return detector
+
+
 class AuditSearch:
     """Searches pictures for faces by another detector, or by the built-in one in another way.
 
@@ -118,7 +137,7 @@ class AuditSearch:
     """
 
     def __init__(self, detector: str | None) -> None:
-        self._given: BoxDetector | None = open_detector(detector) if detector else None
+        self._given = _DetectorPerThread(detector) if detector else None
         self._own = FaceDetector(MIN_FACE_PIXELS, min_score=LIMITS.min_score)
         self._landmarker = BuiltinLandmarker()
 
@@ -150,10 +169,9 @@ class AuditSearch:
 
     def _boxes(self, rgb: U8, turn_to: int | None) -> RolledBoxes:
         if self._given is not None:
-            found = detect_at_rolls(self._given, rgb)
-            boxes = [
-                self._given.fit.apply(b, float(t)) for b, t in zip(found.boxes, found.turns, strict=True)
-            ]
+            given = self._given.own()
+            found = detect_at_rolls(given, rgb)
+            boxes = [given.fit.apply(b, float(t)) for b, t in zip(found.boxes, found.turns, strict=True)]
             placed = np.array(boxes, np.float32).reshape(-1, 4)
             return RolledBoxes(placed, found.scores, found.turns)[found.scores >= LIMITS.min_score]
         sizes = LIMITS.smallest_face_pixels
