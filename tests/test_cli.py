@@ -146,7 +146,7 @@ def test_values_out_of_range_are_refused(
         ([TALK2, "-o", "old.mp4"], "old.mp4 exists: use --force to replace it, or choose another name."),
         (
             [TALK2, "--detector", "owl"],
-            "face detector must be one of builtin, lbp, yunet:MODEL.onnx; got 'owl'",
+            "face detector must be one of builtin, lbp, yunet:MODEL.onnx, centerface:MODEL.onnx; got 'owl'",
         ),
         (
             [TALK2, "--identity", "cut.guise"],

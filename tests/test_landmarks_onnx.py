@@ -12,6 +12,7 @@ import pytest
 
 from guise.aam.landmarks import (
     BoxFit,
+    CenterfaceDetector,
     Face,
     LandmarkError,
     OnnxLandmarker,
@@ -19,6 +20,7 @@ from guise.aam.landmarks import (
     interocular,
     load_annotations,
     mirror,
+    open_detector,
     open_landmarker,
     read_card,
     register_landmarker,
@@ -374,7 +376,10 @@ def test_tiny_weights_of_damaged_files_do_not_raise(seed: int) -> None:
     [
         ("magic", r"landmarker must be one of .*CARD.toml\[@DETECTOR\].*; got 'magic'"),
         ("", "landmarker must be one of"),
-        ("card.toml@hog", "face detector must be one of builtin, lbp, yunet:MODEL.onnx; got 'hog'"),
+        (
+            "card.toml@hog",
+            "one of builtin, lbp, yunet:MODEL.onnx, centerface:MODEL.onnx; got 'hog'",
+        ),
         ("card.toml@lbp:3", "face detector lbp takes no argument, got '3'"),
         ("card.toml@yunet", "face detector yunet needs its model"),
         ("card.toml@yunet:none.onnx", "expected at none.onnx, got no such file"),
@@ -491,3 +496,52 @@ def test_a_network_that_cannot_be_opened_says_so_when_it_is_used() -> None:
     network = ShippedNetwork("no such network.onnx")
     with pytest.raises(Exception, match=r"no such network\.onnx"):
         network.run(None, {})
+
+
+def strided(output: str, weights: np.ndarray, bias: np.ndarray) -> list[bytes]:
+    """Fields of a graph: a convolution 4 x 4 with stride 4, and its output."""
+    strides = field(1, "strides") + field(8, 4) + field(8, 4) + field(20, 7)
+    convolution = node("Conv", ["input", f"{output} weights", f"{output} bias"], output) + field(5, strides)
+    tensors = (tensor(f"{output} weights", weights), tensor(f"{output} bias", bias))
+    shape = value_info(output, (1, len(bias), 8, 8))
+    return [field(1, convolution), *(field(5, one) for one in tensors), field(12, shape)]
+
+
+def centerface(folder: Path) -> Path:
+    """A network with CenterFace's outputs: red cells are centres of faces 32 pixels wide and 40 high."""
+    red = np.zeros((1, 3, 4, 4))
+    red[0, 0] = 1 / (16 * 255)
+    blank = np.zeros((10, 3, 4, 4))
+    size, off = np.log([10, 8]), np.array([0.25, -0.25])
+    kinds = ((red, np.zeros(1)), (blank[:2], size), (blank[:2], off), (blank, np.zeros(10)))
+    parts = [part for k, kind in enumerate(kinds) for part in strided(f"map {k}", *kind)]
+    graph = b"".join([*parts, field(2, "centerface"), field(11, value_info("input", (1, 3, 32, 32)))])
+    path = folder / "centerface.onnx"
+    path.write_bytes(field(1, 8) + field(7, graph) + field(8, field(2, 13)))
+    return path
+
+
+def test_centerface_is_decoded(tmp_path: Path) -> None:
+    """At full size and half, of column 30 and row 10 of its cells, a quarter of a cell down and to the left."""
+    rgb = np.zeros((90, 170, 3), np.uint8)
+    rgb[40:44, 120:124, 0], rgb[20:24, 20:24, 2] = 255, 255  # blue is none
+    model = centerface(tmp_path)
+    boxes, scores = CenterfaceDetector(model, smallest=16).detect_scored(rgb)
+    np.testing.assert_allclose(
+        boxes, [[121 - 16 - 0.5, 43 - 20 - 0.5, 121 + 16 - 0.5, 43 + 20 - 0.5]], atol=0.01
+    )
+    np.testing.assert_allclose(scores, [1], atol=1e-3)
+    larger = CenterfaceDetector(model, smallest=32).detect(rgb.repeat(2, 0).repeat(2, 1))
+    np.testing.assert_allclose(larger, boxes * 2 + 0.5, atol=0.01)
+    assert open_detector(f"centerface:{model}").name == "centerface"
+
+
+def test_another_network_is_not_centerface(tmp_path: Path) -> None:
+    with pytest.raises(LandmarkError, match=r"CenterFace model expected at .*none.onnx, got no such file"):
+        CenterfaceDetector(tmp_path / "none.onnx")
+    (tmp_path / "bad.onnx").write_bytes(b"garbage")
+    for other in (tmp_path / "bad.onnx", DATA / "detector.onnx"):
+        with pytest.raises(LandmarkError, match=r"expected centerface\.onnx, got another file"):
+            CenterfaceDetector(other)
+    with pytest.raises(LandmarkError, match="face detector centerface needs its model"):
+        open_detector("centerface")

@@ -6,7 +6,7 @@ Pixels, x right, y down, pixel centres at integers; images RGB uint8 (h, w, 3).
 """
 
 from guise.aam.landmarks.annotations import Annotations, load_annotations, save_annotations
-from guise.aam.landmarks.boxes import LbpDetector, YunetDetector
+from guise.aam.landmarks.boxes import CenterfaceDetector, LbpDetector, YunetDetector
 from guise.aam.landmarks.card import LandmarkCard, read_card
 from guise.aam.landmarks.face import BoxDetector, BoxFit, Face, Landmarker, LandmarkError, iou, tight_box
 from guise.aam.landmarks.landmark_filter import LandmarkFilter
@@ -59,6 +59,7 @@ __all__ = [
     "Annotations",
     "BoxDetector",
     "BoxFit",
+    "CenterfaceDetector",
     "Face",
     "FaceTracker",
     "LandmarkCard",

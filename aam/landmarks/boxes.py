@@ -1,9 +1,9 @@
-"""Face-box detectors: the LBP cascade that scikit-image ships, and YuNet through OpenCV.
+"""Face-box detectors: the LBP cascade that scikit-image ships, and YuNet and CenterFace through OpenCV.
 
 Boxes are ``x0 y0 x1 y1`` float32 pixels of the given image, pixel centres at integers, largest first.
 Images are RGB (h, w, 3) or grey (h, w), uint8. A detector is not for several threads at once.
 
-The time of both hardly depends on the picture's size: the picture is scaled down so that the smallest face
+Their time hardly depends on the picture's size: the picture is scaled down so that the smallest face
 that is asked for has the smallest size that the detector can see.
 """
 
@@ -23,7 +23,7 @@ from guise.common.arrays import F32, F64, U8
 
 @dataclass(frozen=True)
 class DetectorSettings:
-    """Settings of both detectors."""
+    """Settings of the detectors."""
 
     lbp_window_pixels: int = 24  # the side of the cascade's window
     lbp_size_step: float = 1.15  # from one size of face to the next
@@ -32,6 +32,7 @@ class DetectorSettings:
         1.2  # of the last stage's sum: real faces have about 0.9 (1 in 100) to 4, others under 0.5
     )
     yunet_face_pixels: int = 16  # the smallest face that YuNet sees reliably
+    centerface_face_pixels: int = 16  # and CenterFace
     max_distinct_iou: float = 0.3  # of boxes, above which they are one face
 
 
@@ -39,6 +40,12 @@ SETTINGS = DetectorSettings()
 # The landmark box of the iBUG 68 points from a box: medians over the sample clips and real ones.
 _LBP_FIT = BoxFit(0.84, (0.0, 0.18))
 _YUNET_FIT = BoxFit(0.76, (0.0, 0.145))
+_CENTERFACE_FIT = BoxFit(0.78, (0.0, 0.138))
+_CENTERFACE_BLOCK, _CENTERFACE_STRIDE = (
+    32,
+    4,
+)  # pixels: its pictures are multiples of the one, its cells have the other
+_CENTERFACE_MAPS = (1, 2, 2, 10)  # channels of what it gives: centres, sizes, offsets, five points
 _SHIPPED_TAG, _CORRECT_TAG = "featuhreParams", "featureParams"
 
 
@@ -151,6 +158,72 @@ class YunetDetector:
         if found is None or len(found) == 0:
             return no_boxes()
         return strongest(_corners(found[:, :4], scale), np.asarray(found[:, -1], float), self.min_score)
+
+
+@dataclass(eq=False)
+class CenterfaceDetector:
+    """Faces by the CenterFace network (Xu et al. 2019), a file that the user brings, run by OpenCV.
+
+    Parameters
+    ----------
+    model : path
+        The ``.onnx`` file.
+    smallest : float
+        Smallest face to find: a share of the picture's height up to 1, or pixels above 1.
+    min_score : float
+        In [0, 1]; boxes below are dropped.
+    fit : BoxFit
+        Landmark box of the iBUG 68 points from a box.
+    """
+
+    model: str | Path
+    smallest: float = 1 / 12
+    min_score: float = 0.5
+    fit: BoxFit = _CENTERFACE_FIT
+    name: str = field(default="centerface", init=False)
+
+    def __post_init__(self) -> None:
+        """Check the options and load the network."""
+        check_smallest(self.smallest)
+        path = Path(self.model)
+        if not path.is_file():
+            raise LandmarkError(
+                f"CenterFace model expected at {path}, got no such file; give the path of the .onnx"
+            )
+        try:
+            self._network = cv2.dnn.readNetFromONNX(str(path))
+            self._names = self._network.getUnconnectedOutLayersNames()
+            maps = self._maps(np.zeros((_CENTERFACE_BLOCK, _CENTERFACE_BLOCK, 3), np.uint8))
+            channels = tuple(one.shape[1] for one in maps)
+        except (cv2.error, IndexError):
+            channels = ()
+        if channels != _CENTERFACE_MAPS:
+            raise LandmarkError(f"CenterFace model {path} expected centerface.onnx, got another file")
+
+    def detect(self, image: U8) -> F32:
+        """Boxes (n, 4)."""
+        return self.detect_scored(image)[0]
+
+    def detect_scored(self, image: U8) -> tuple[F32, F32]:
+        """Boxes (n, 4) and scores (n,) in [0, 1]."""
+        rgb = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) if image.ndim == 2 else image
+        small, scale = _scaled(rgb, SETTINGS.centerface_face_pixels, smallest_pixels(self.smallest, image))
+        below, beside = (-side % _CENTERFACE_BLOCK for side in small.shape[:2])
+        heat, sizes, offsets, _ = self._maps(
+            cv2.copyMakeBorder(small, 0, below, 0, beside, cv2.BORDER_CONSTANT)
+        )
+        rows, columns = np.nonzero(heat[0, 0] >= self.min_score)
+        if len(rows) == 0:
+            return no_boxes()
+        off, size = offsets[0, :, rows, columns], np.exp(sizes[0, :, rows, columns])
+        centres = np.stack([rows, columns], axis=1) + off + 0.5
+        boxes = np.concatenate([centres - size / 2, size], axis=1)[:, [1, 0, 3, 2]] * _CENTERFACE_STRIDE
+        return strongest(_corners(boxes, scale), heat[0, 0, rows, columns], self.min_score)
+
+    def _maps(self, rgb: Any) -> Any:
+        """What the network gives for a picture (h, w, 3) of whole blocks."""
+        self._network.setInput(cv2.dnn.blobFromImage(rgb))
+        return self._network.forward(self._names)
 
 
 def _lbp_cascade() -> cv2.CascadeClassifier:

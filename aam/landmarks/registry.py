@@ -6,7 +6,7 @@
     CARD.toml                     an ONNX model described by a card, faces by the LBP cascade
     CARD.toml@yunet:MODEL.onnx    the same, faces by YuNet
     onnx:CARD                     the same for a card whose name does not end in .toml
-    builtin, lbp, yunet:MODEL.onnx    detectors
+    builtin, lbp, yunet:MODEL.onnx, centerface:MODEL.onnx    detectors
 
 Other kinds join through :func:`register_landmarker` and :func:`register_detector`.
 """
@@ -130,8 +130,19 @@ def _open_yunet(argument: str) -> BoxDetector:
     return YunetDetector(argument)
 
 
+def _open_centerface(argument: str) -> BoxDetector:
+    from guise.aam.landmarks.boxes import CenterfaceDetector
+
+    if not argument:
+        raise LandmarkError(
+            "face detector centerface needs its model, as in centerface:MODEL.onnx; got no path"
+        )
+    return CenterfaceDetector(argument)
+
+
 register_landmarker("builtin", "builtin[@DETECTOR]", _open_builtin)
 register_landmarker("onnx", "CARD.toml[@DETECTOR]", _open_onnx)
 register_detector("builtin", "builtin", _open_builtin_detector)
 register_detector("lbp", "lbp", _open_lbp)
 register_detector("yunet", "yunet:MODEL.onnx", _open_yunet)
+register_detector("centerface", "centerface:MODEL.onnx", _open_centerface)

@@ -139,7 +139,9 @@ Rest = Annotated[
         help="A time in the first clip at which the face is at rest: mouth shut, brows down; default: a guess.",
     ),
 ]
-Detector = Annotated[str, typer.Option(metavar="builtin|lbp|yunet:PATH", help="Face detector.")]
+Detector = Annotated[
+    str, typer.Option(metavar="builtin|lbp|yunet:PATH|centerface:PATH", help="Face detector.")
+]
 UnsureOption = Annotated[
     Literal["cover", "hold", "leave"],
     typer.Option(
@@ -175,7 +177,9 @@ NoSmooth = Annotated[
 BoxDetectorSpec = Annotated[
     str | None,
     typer.Option(
-        "--detector", metavar="lbp|yunet:PATH", help="Face detector; default: the landmarker's own."
+        "--detector",
+        metavar="lbp|yunet:PATH|centerface:PATH",
+        help="Face detector; default: the landmarker's own.",
     ),
 ]
 

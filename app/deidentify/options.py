@@ -92,7 +92,7 @@ class DeidentifyOptions:
     detector: str | None = option(
         None,
         "Face detector of the audit; default: the built-in one.",
-        metavar="lbp|yunet:PATH",
+        metavar="lbp|yunet:PATH|centerface:PATH",
     )
     region: Region = option(
         "face", "What a swap replaces: the face, or the head with hair, ears and outline."

@@ -31,8 +31,8 @@ class SwapSettings:
     look : how faces are drawn.
     encode : encoder, crf, preset, lossless.
     hwaccel : the device that decodes the video, "auto" for one that works, or "none" for the processor.
-    detector : "builtin", the landmarker, or "lbp" or "yunet:MODEL.onnx", which find boxes: what finds the face at the
-        start and after a loss.
+    detector : "builtin", the landmarker, or "lbp", "yunet:MODEL.onnx" or "centerface:MODEL.onnx", which find boxes:
+        what finds the face at the start and after a loss.
     unsure : what is done to frames in which the person's face is lost but may be visible: "cover" it, "hold" the last
         face for a second, or "leave" the frame as it is.
     keep_people : use the model of the video's person that an earlier run has kept, and keep a new one.

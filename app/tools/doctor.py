@@ -154,9 +154,10 @@ def _faces() -> Iterator[Finding]:
         yield Finding("faces", "lbp", True, "face boxes, by the cascade of scikit-image")
     except LandmarkError as error:
         yield Finding("faces", "lbp", False, str(error))
-    yield Finding(
-        "faces", "yunet", None, "face boxes, by a model that you download: --detector yunet:MODEL.onnx"
-    )
+    for name in ("yunet", "centerface"):
+        yield Finding(
+            "faces", name, None, f"face boxes, by a model that you download: --detector {name}:MODEL.onnx"
+        )
 
 
 def _cameras() -> Iterator[Finding]:
