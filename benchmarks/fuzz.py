@@ -174,9 +174,8 @@ def _report(path: Path) -> None:
     frames = np.arange(5, dtype=np.int32)
     boxes = np.tile(np.array([1, 2, 30, 40], np.int32), (5, 1))
     done = np.array([0, 0, 1, 1, 0], np.uint8)
-    outcome = TrackOutcome(1, frames, done, np.ones(5, np.float32), boxes)
-    counts = {"swapped": 3, "covered": 2, "left": 0, "without face": 0}
-    report = FileReport("a.mp4", "b.mp4", 5, np.arange(5) / 25, 64, 48, TRACKS[:1], (outcome,), (), counts)
+    outcome = TrackOutcome(1, frames, done, np.ones(5, np.float32), done, boxes)
+    report = FileReport("a.mp4", "b.mp4", 5, np.arange(5) / 25, 64, 48, TRACKS[:1], (outcome,), ())
     write_report(path, report)
 
 

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from guise.app.deidentify.covers import BYSTANDER, NO_REASON, UNSURE_FIT, CoverSpan
 from guise.app.deidentify.report.report import (
     BatchEntry,
 )
 from guise.app.deidentify.tracks import BYSTANDERS, AuditFinding, FileReport, Track, TrackOutcome
-from guise.app.swapping.policy import DONE
+from guise.app.swapping.policy import COVERED
 
 HOSTILE = "\"'><script>alert(1)</script>\u202e\n</style>\udcff&amp;.mp4"
 SECRET = "mean:p01+/secret/a.guise"
@@ -23,7 +24,10 @@ def outcome_of(track: int, done: Any, first: int = 0, frames: Any = None) -> Tra
     place = np.arange(first, first + len(done)) if frames is None else np.asarray(frames)
     boxes = np.stack([place, place + 1, place + 50, place + 60], axis=1).reshape(-1, 4)
     confidence = (place % 100 / 100).astype(np.float32)
-    return TrackOutcome(track, place.astype(np.int32), done, confidence, boxes.astype(np.int32))
+    reasons = np.where(done == COVERED, BYSTANDER if track == BYSTANDERS else UNSURE_FIT, NO_REASON)
+    return TrackOutcome(
+        track, place.astype(np.int32), done, confidence, reasons.astype(np.uint8), boxes.astype(np.int32)
+    )
 
 
 def report_of(*outcomes: TrackOutcome, frames: int = 40, **more: Any) -> FileReport:
@@ -35,11 +39,6 @@ def report_of(*outcomes: TrackOutcome, frames: int = 40, **more: Any) -> FileRep
         )
         for one in outcomes if one.track != BYSTANDERS
     )  # fmt: skip
-    worst = np.full(frames, -1)
-    for one in outcomes:
-        np.maximum.at(worst, one.frames, one.done.astype(int))
-    names = ("without face", *DONE)
-    counts = {name: int((worst == rank).sum()) for rank, name in enumerate(names, start=-1)}
     return replace(
         FileReport(
             "dir/in.mp4",
@@ -51,7 +50,6 @@ def report_of(*outcomes: TrackOutcome, frames: int = 40, **more: Any) -> FileRep
             tracks,
             outcomes,
             (),
-            counts,
         ),
         **more,
     )
@@ -63,6 +61,10 @@ def three_faces() -> FileReport:
         outcome_of(1, [1, 1, 0, 0, 0, 1], first=3),
         outcome_of(2, [2] * 10, first=20),
         outcome_of(BYSTANDERS, [1] * 4, frames=[5, 5, 6, 9]),
+        covers=(
+            CoverSpan(1, 0, 5, 6, 5, (1, 2, 3, 4), "bystander"),
+            CoverSpan(2, 1, 3, 4, 3, (1, 2, 3, 4), "unsure fit"),
+        ),
         audit=(AuditFinding(31, (1, 2, 30, 40), 0.75, True),),
         settings={
             "donor": SECRET,

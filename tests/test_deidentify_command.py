@@ -59,7 +59,7 @@ def test_one_file(capsys: pytest.CaptureFixture[str], here: Path, asked: list[di
     make("a.mp4")
     assert run(capsys, "a.mp4") == (
         0,
-        "a_deidentified.mp4: No face was found in 10 frames.\n",
+        "a_deidentified.mp4: No face was found in 10 frames. Report: a_deidentified.report.html\n",
         "a.mp4: something to know\n",
     )
     assert sorted(path.name for path in here.iterdir()) == [
@@ -69,7 +69,7 @@ def test_one_file(capsys: pytest.CaptureFixture[str], here: Path, asked: list[di
     ]
 
 
-def test_covered_faces_are_exit_code_3(
+def test_frames_after_a_face_in_which_none_was_found_are_exit_code_3(
     capsys: pytest.CaptureFixture[str], here: Path, asked: list[dict[str, Any]]
 ) -> None:
     make("covered.mp4")
@@ -91,11 +91,14 @@ def test_a_batch_says_every_file_and_a_summary(
     assert code == 1
     *lines, last = out.splitlines()
     assert lines == [
-        "[1/3] out/a_deidentified.mp4: No face was found in 10 frames.",
-        "[3/3] out/covered_deidentified.mp4: The faces that were found are swapped or covered; a covered one is in 3 "
-        "frames. In 7 frames after a face none was found: not verified.",
+        "[1/3] out/a_deidentified.mp4: No face was found in 10 frames. Report: out/a_deidentified.report.html",
+        "[3/3] out/covered_deidentified.mp4: The faces that were found are covered in 3 frames. Covers: 0:00.0 to "
+        "0:00.1. In 7 frames after a face none was found: not verified. Watch 0:00.1 to 0:00.3. "
+        "Report: out/covered_deidentified.report.html",
     ]
-    assert last.startswith("3 files: 1 swapped, 1 with covered faces, 1 failed; see out/deidentify-")
+    assert last.startswith(
+        "3 files: 1 swapped, 0 with covered faces, 1 not verified, 1 failed; see out/deidentify-"
+    )
     assert Path(last.split("see ")[1]).is_file()
     assert err.splitlines() == [
         "in: skipped 1 not a video or image",
@@ -177,7 +180,8 @@ def test_an_interruption_tells_how_to_go_on(
         130,
         "error: interrupted; finished work is kept: continue with --resume",
     )
-    assert out == "[1/3] a_deidentified.mp4: No face was found in 10 frames.\n"
+    assert out.startswith("[1/3] a_deidentified.mp4: No face was found in 10 frames.")
+    assert out.count("\n") == 1
     code, out, _ = run(capsys, "a.mp4", "z.mp4", "--resume", "--workers", "1")
     assert code == 0
     assert [call["source"].name for call in asked] == ["a.mp4", "stop.mp4", "z.mp4"]

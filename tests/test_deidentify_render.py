@@ -19,7 +19,8 @@ def plan(**columns: list[float]) -> dict[str, np.ndarray]:
     return {
         "frame": np.array(columns["frame"]), "track": np.array(columns["track"]),
         "done": np.array(columns["done"]), "box": np.repeat(BOX[None], count, axis=0),
-        "growth": np.ones(count, np.float32), "turn": np.zeros(count, np.float32),
+        "growth": np.ones(count, np.float32), "turn": np.zeros(count, np.float32), "confidence": np.ones(count),
+        "reason": np.zeros(count, np.uint8), "cover": np.zeros(count, np.int32),
     }  # fmt: skip
 
 

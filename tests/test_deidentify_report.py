@@ -26,10 +26,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from guise.app.deidentify.report.report import (
+    KINDS,
     BatchEntry,
     frames_with,
     outcome,
     spans,
+    times,
     verdict,
     write_batch,
     write_report,
@@ -81,6 +83,10 @@ def test_the_report_says_what_is_known_of_the_file(tmp_path: Path, report: FileR
     assert {key: value[key] for key in same} == {key: getattr(report, key) for key in same}
     assert value["seconds"] == report.seconds.tolist()
     assert (value["outcome"], value["sentence"]) == (3, verdict(report))
+    assert value["not_verified"] == [10, 11, 12, 13, 14, 15, 16, 17, 18, 19, *range(30, 40)]
+    assert value["covers"] == [
+        vars(one) | {"box": [1, 2, 3, 4], "seconds": [one.first / 25, one.last / 25]} for one in report.covers
+    ]
     assert value["audit"] == [
         {"frame": 31, "seconds": 1.24, "box": [1, 2, 30, 40], "score": 0.75, "covered": True}
     ]
@@ -135,37 +141,29 @@ def test_spans_say_for_each_frame_the_least_hidden_face(pairs: list[tuple[int, i
 
 # -- the outcome ----------------------------------------------------------------------------------------------
 
-UNVERIFIED = "In 1 frame after a face none was found: not verified."
+UNVERIFIED = "In 1 frame after a face none was found: not verified. Watch 0:01.6."
 OUTCOMES = [
     ([], (), 0, "No face was found in 40 frames."),
-    ([0] * 40, (), 0, "The faces that were found are swapped, in 40 frames."),
-    ([0] * 39, (), 3, "The faces that were found are swapped, in 39 frames. " + UNVERIFIED),
+    ([0] * 40, (), 0, "The faces that were found are swapped in 40 frames."),
+    ([0] * 39, (), 3, "The faces that were found are swapped in 39 frames. " + UNVERIFIED),
     (
         [0] * 39 + [2],
         (),
         0,
-        "The faces that were found are swapped, in 39 frames. A face is left as it is in 1 frame, as you said.",
+        "The faces that were found are swapped in 39 frames. A face is left as it is in 1 frame, as you said.",
     ),
     ([2] * 40, (), 0, "No face is changed. A face is left as it is in 40 frames, as you said."),
+    ([1] * 40, (), 0, "The faces that were found are covered in 40 frames. Covers: 0:00.0 to 0:01.6."),
     (
         [0] * 38 + [1],
         (),
         3,
-        "The faces that were found are swapped or covered; a covered one is in 1 frame. " + UNVERIFIED,
+        "The faces that were found are swapped in 38 frames and covered in 1 frame. Covers: 0:01.5. "
+        + UNVERIFIED,
     ),
-    (
-        [0] * 40,
-        (FOUND,),
-        3,
-        "The faces that were found are swapped or covered; a covered one is in 1 frame.",
-    ),
-    (
-        [0] * 5,
-        (FOUND, STILL),
-        1,
-        "A face may be visible in the output, first in frame 4 (0:00.2): do not share it.",
-    ),
-    ([1], (STILL,), 1, "A face may be visible in the output, first in frame 4 (0:00.2): do not share it."),
+    ([0] * 40, (FOUND,), 0, "The faces that were found are swapped in 40 frames."),
+    ([0] * 5, (FOUND, STILL), 1, "A face may be visible in the output, at 0:00.2: do not share it."),
+    ([1], (STILL,), 1, "A face may be visible in the output, at 0:00.2: do not share it."),
 ]
 
 
@@ -191,7 +189,20 @@ def test_a_cover_beside_a_face_that_is_left_counts() -> None:
     report = report_of(outcome_of(1, [2] * 5), outcome_of(2, [1] * 5), frames=5)
     assert report.counts["covered"] == 0
     assert frames_with(report, "covered").tolist() == [0, 1, 2, 3, 4]
+    assert outcome(report) == 0
+
+
+def test_where_nobody_can_tell_is_not_verified_and_said() -> None:
+    report = replace(report_of(outcome_of(1, [0] * 40)), unclear=(10, 11, 12))
     assert outcome(report) == 3
+    said = "In 3 frames nobody can tell if there is a face: not verified. Watch 0:00.4 to 0:00.5."
+    assert verdict(report).endswith(said)
+
+
+def test_times_are_the_longest_runs_in_order_and_short_pauses_do_not_part_them() -> None:
+    report = report_of(outcome_of(1, [0] * 400), frames=400)
+    frames = [0, *range(50, 60), *range(62, 70), *range(120, 140), 200, *range(300, 310)]
+    assert times(report, frames) == "0:02.0 to 0:02.8, 0:04.8 to 0:05.6, 0:12.0 to 0:12.4 and 2 times more"
 
 
 # -- a batch --------------------------------------------------------------------------------------------------
@@ -201,7 +212,7 @@ def test_the_json_of_a_batch(tmp_path: Path) -> None:
     write_batch(tmp_path / "b.json", entries_of(tmp_path))
     value = json.loads((tmp_path / "b.json").read_text())
     assert (value["format"], value["version"]) == ("guise-batch-report", 1)
-    assert [value[key] for key in ("files", "all_swapped", "some_covered", "failed")] == [4, 1, 1, 2]
+    assert [value[key] for key in ("files", *KINDS)] == [4, 1, 0, 1, 2]
     assert [BatchEntry(**entry) for entry in value["entries"]] == entries_of(tmp_path)
 
 

@@ -146,8 +146,8 @@ def test_headings_do_not_skip_a_level_and_names_are_unique(pages: Iterator[Page]
 @pytest.mark.parametrize(
     ("done", "audit", "words"),
     [
-        ([0] * 40, (), "All faces that were found are swapped"),
-        ([1], (), "Faces covered, or frames not verified"),
+        ([0] * 40, (), "Every face that was found is swapped, covered, or left as you chose"),
+        ([1], (), "Some frames are not verified: watch them"),
         ([0], (STILL,), "A face may be visible"),
     ],
 )
@@ -252,7 +252,7 @@ def test_the_page_of_a_batch_has_failures_first_and_links_to_reports_that_are_th
     there.write_text("")
     page = batch(tmp_path / "all.html", *entries_of(tmp_path / "sub"))
     assert [text for tag, text in page.texts if tag == "h2"] == [
-        "Frames", "Failed: 2", "Done, with faces covered: 1", "Done: 1",
+        "Frames", "Failed: 2", "Done, not verified: 1", "Done: 1",
     ]  # fmt: skip
     (link,) = page.all("a")
     assert tmp_path / unquote(link["href"]) == there

@@ -104,4 +104,5 @@ class ConsoleObserver:
             if entry.output is None and entry.code:
                 self._console.error(f"{place}{entry.sentence}")
             else:
-                self._console.say(f"{place}{entry.output or entry.input}: {entry.sentence}")
+                report = f" Report: {entry.report}" if entry.report else ""
+                self._console.say(f"{place}{entry.output or entry.input}: {entry.sentence}{report}")

@@ -145,14 +145,14 @@ def _run(console: Console, pairs: Sequence[FilePair], run: BatchRun) -> int:
 
 def _summarise(console: Console, entries: Sequence[BatchEntry], pairs: Sequence[FilePair]) -> str:
     """Report the outcomes of all files, and write the summary."""
-    from guise.app.deidentify.report.report import ALL_SWAPPED, SOME_COVERED
+    from guise.app.deidentify.report.report import KINDS, kind
     from guise.app.deidentify.run.batch import write_summary
 
     page = write_summary(pairs, entries)
-    codes = [entry.code for entry in entries]
-    swapped, covered = codes.count(ALL_SWAPPED), codes.count(SOME_COVERED)
-    failed = len(codes) - swapped - covered
+    kinds = [kind(entry) for entry in entries]
+    swapped, covered, unverified, failed = (kinds.count(name) for name in KINDS)
     console.say(
-        f"{len(codes)} files: {swapped} swapped, {covered} with covered faces, {failed} failed; see {page}"
+        f"{len(kinds)} files: {swapped} swapped, {covered} with covered faces, {unverified} not verified, "
+        f"{failed} failed; see {page}"
     )
     return page

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from guise.app.deidentify.covers import CoverSpan, counts_of
 from guise.app.swapping.policy import Action
 
 BYSTANDERS = 0  # number of the track that stands for all faces that are covered without being tracked
@@ -102,13 +103,15 @@ class TrackOutcome:
     frames : (n,) int32, ascending (repeated only for BYSTANDERS, several in a frame).
     done : (n,) uint8, index into DONE.
     confidence : (n,) float32 in [0, 1], of the fit or of the detector; 0 where the face was not seen itself.
-    boxes : (n, 4) int32 of the changed region.
+    reasons : (n,) uint8, index into `guise.app.deidentify.covers.REASONS`, why it is covered.
+    boxes : (n, 4) int32 of the swapped face, or of the region that is covered.
     """
 
     track: int
     frames: NDArray[np.int32]
     done: NDArray[np.uint8]
     confidence: NDArray[np.float32]
+    reasons: NDArray[np.uint8]
     boxes: NDArray[np.int32]
 
 
@@ -133,13 +136,13 @@ class FileReport:
     width, height : pixels as shown.
     tracks, outcomes : the tracks, and what was done with each and with bystanders.
     audit : what the audit of the output found.
-    counts : frames by their worst face: "swapped" (all faces swapped), "covered" (some covered), "left" (some left as
-        the user said), "without face".
+    covers : as a viewer sees them, by number.
     settings : what was asked for, as JSON holds it.
     problems : sentences about what was tolerated in the input, or could not be kept.
     damaged : whether parts of the input could not be read, so that faces in them may be in the output unseen.
     wall_seconds : time of the work.
     searched : number of frames that the audit searched for faces in another way than the first stage.
+    unclear : frames in which nobody can tell whether there is a face.
     digest : SHA-256 of the output file in hexadecimal digits, so that a signed report is of this file; "" for a folder.
     """
 
@@ -152,10 +155,16 @@ class FileReport:
     tracks: tuple[Track, ...]
     outcomes: tuple[TrackOutcome, ...]
     audit: tuple[AuditFinding, ...]
-    counts: dict[str, int]
+    covers: tuple[CoverSpan, ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
     problems: tuple[str, ...] = ()
     wall_seconds: float = 0.0
     digest: str = ""
     searched: int = 0
     damaged: bool = False
+    unclear: tuple[int, ...] = ()
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Frames by the least hidden face in each: "swapped" (all faces), "covered", "left", or "without face"."""
+        return counts_of(self.frames, ((one.frames, one.done) for one in self.outcomes))

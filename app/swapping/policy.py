@@ -37,7 +37,7 @@ from guise.aam.landmarks import iou
 from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.rolls import RolledBoxes, turn_of
 from guise.aam.landmarks.schemes import IBUG68
-from guise.common.arrays import F32, F64, Bool, Floating
+from guise.common.arrays import F32, F64, I32, Bool, Floating
 from guise.common.tuned import derived, tuned
 
 Action = Literal["swap", "cover", "leave"]
@@ -144,6 +144,8 @@ class FaceTreatment:
     done : index into DONE.
     box, turn : (4,) and radians, of the face.   growth : of its cover.
     otherwise : COVERED or LEFT, what is done where a swap is not possible after all.
+    confidence : of the fit, or of the detector.
+    reason, cover : why it is covered, and the number of the cover, see `guise.app.deidentify.covers`; 0 for none.
     """
 
     who: int
@@ -152,6 +154,9 @@ class FaceTreatment:
     growth: float
     turn: float = 0.0
     otherwise: int = COVERED
+    confidence: float = 0.0
+    reason: int = 0
+    cover: int = 0
 
     @property
     def region(self) -> F64:
@@ -358,6 +363,11 @@ class Bystanders:
 
     def spread(self, *, total: int, rate: float, cuts: Sequence[int]) -> Bystanders:
         """With the frames about each detection, as far as the shot goes; a frame may get the boxes of several."""
+        frames, chosen = self.around(total=total, rate=rate, cuts=cuts)
+        return Bystanders(frames, self.boxes[chosen], self.scores[chosen], self.turns[chosen])
+
+    def around(self, *, total: int, rate: float, cuts: Sequence[int]) -> tuple[I32, NDArray[np.intp]]:
+        """The frames (m,), ascending, about the detections, and of which detection each is."""
         frames, rows = [], []
         edges = np.array([0, *cuts, total])
         for row, frame in enumerate(map(int, self.frames)):
@@ -370,10 +380,7 @@ class Bystanders:
                 frames.append(at)
                 rows.append(row)
         order = np.argsort(np.array(frames, np.int64), kind="stable")
-        chosen = np.array(rows, np.intp)[order]
-        return Bystanders(
-            np.array(frames, np.int32)[order], self.boxes[chosen], self.scores[chosen], self.turns[chosen]
-        )
+        return np.array(frames, np.int32)[order], np.array(rows, np.intp)[order]
 
     def _reach(self, row: int, step: int, rate: float) -> int:
         """For how many frames after (step 1) or before (-1) a detection it is covered: up to the next at its place."""

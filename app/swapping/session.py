@@ -36,12 +36,13 @@ class FaceRow:
     who : whose face it is; people are numbered from 1.
     outcome : "swapped"; "held", drawn where it was seen last; "covered"; "left" as the user wished; or "lost": neither
         drawn nor covered.
-    mesh : (81, 2) pixels that was drawn, or None.
+    mesh : (81, 2) pixels that was drawn, or None.   doubt : opacity in [0, 1] of the cover that came in over it.
     """
 
     who: int
     outcome: Literal["swapped", "held", "covered", "left", "lost"]
     mesh: F64 | None = None
+    doubt: float = 0.0
 
 
 class Swap(Protocol):
@@ -119,6 +120,7 @@ class SwapSession(Closing, Generic[D]):
         result = self.engine(who).swap_tracked(frame, fit)
         if result.mesh is not None and result.doubt > 0 and self._style is not None and fades:
             cover(frame, FacePlace.of(result.mesh).region(), self._style, result.doubt)
+            return FaceRow(who, result.outcome, result.mesh, result.doubt)
         return FaceRow(who, result.outcome, result.mesh)
 
     def follow(self, frame: Frame, who: int, fit: Fit | Failed) -> FaceRow:

@@ -17,13 +17,15 @@ import cv2
 
 from guise.app.deidentify.report.html import data_uri, render_page
 from guise.app.deidentify.report.report import (
-    ALL_SWAPPED,
     FAILED,
+    KINDS,
     NO_OUTCOME,
-    SOME_COVERED,
+    NOT_VERIFIED,
+    VERIFIED,
     BatchEntry,
     Span,
     clock,
+    kind,
     outcome,
     spans,
     verdict,
@@ -50,8 +52,8 @@ class PageLimits:
 
 LIMITS = PageLimits()
 HEADLINES = {
-    ALL_SWAPPED: ("good", "✓ All faces that were found are swapped"),
-    SOME_COVERED: ("fair", "◧ Faces covered, or frames not verified"),
+    VERIFIED: ("good", "✓ Every face that was found is swapped, covered, or left as you chose"),
+    NOT_VERIFIED: ("fair", "◧ Some frames are not verified: watch them"),
     FAILED: ("bad", "✕ A face may be visible"),
 }
 COUNTS = {
@@ -138,6 +140,7 @@ def write_page(path: Path, report: FileReport, thumbnails: Mapping[int, Sequence
         cards=list(_cards(report, by_track, thumbnails)),
         omitted_tracks=max(0, len(report.tracks) - LIMITS.max_tracks),
         bystanders=_bystanders(report, by_track.get(BYSTANDERS, NO_OUTCOME), thumbnails),
+        covers=report.covers[: LIMITS.max_table_rows],
         findings=sorted(report.audit, key=lambda f: (f.covered, f.frame))[: LIMITS.max_table_rows],
         settings=[(name.replace("_", " ").capitalize(), value) for name, value in _flat(report.settings)],
         changed=_CHANGED[report.settings.get("region", "face")],
@@ -150,10 +153,10 @@ def write_page(path: Path, report: FileReport, thumbnails: Mapping[int, Sequence
 
 def write_batch_page(path: Path, entries: Sequence[BatchEntry]) -> None:
     """Write the page of a batch: the failures first, with links to the reports of the files."""
+    titles = ("Done", "Done, with faces covered", "Done, not verified", "Failed")
     kinds = {
-        "Failed": [e for e in entries if e.code not in (ALL_SWAPPED, SOME_COVERED)],
-        "Done, with faces covered": [e for e in entries if e.code == SOME_COVERED],
-        "Done": [e for e in entries if e.code == ALL_SWAPPED],
+        title: [e for e in entries if kind(e) == name]
+        for name, title in reversed(list(zip(KINDS, titles, strict=True)))
     }
     summary = ", ".join(f"{title.lower()}: {len(group):,}" for title, group in kinds.items())
     page = render_page(
@@ -208,8 +211,8 @@ def _bystanders(
     if not len(one.frames):
         return None
     about = (
-        f"{len(one.frames):,} detections of faces that were too small, too brief or too unclear to track; all of them "
-        "are covered."
+        f"{len(one.frames):,} detections of faces that were too small, too brief or too unclear to track, or that the "
+        "audit found."
     )
     return _card("Bystanders", about, one, report, thumbnails.get(BYSTANDERS, ()))
 

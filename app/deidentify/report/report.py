@@ -17,9 +17,11 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
+from guise.app.deidentify.covers import REASONS
 from guise.app.deidentify.tracks import BYSTANDERS, FileReport, Track, TrackOutcome
 from guise.app.swapping.donors import bare
 from guise.app.swapping.policy import DONE
+from guise.common.arrays import I32
 from guise.common.files import write_whole
 from guise.common.text import counted
 from guise.common.version import VERSION
@@ -27,7 +29,9 @@ from guise.common.version import VERSION
 REPORT_FORMAT = "guise-report"
 BATCH_FORMAT = "guise-batch-report"
 REPORT_VERSION = 1
-ALL_SWAPPED, FAILED, SOME_COVERED = 0, 1, 3
+KINDS = ("all_swapped", "some_covered", "not_verified", "failed")
+VERIFIED, FAILED, NOT_VERIFIED = 0, 1, 3
+MAX_TIMES = 3  # in a sentence
 NUMBERS_PER_WRITE = 8192
 
 
@@ -42,13 +46,14 @@ class Span:
 
 @dataclass(frozen=True)
 class BatchEntry:
-    """A file of a batch: names, exit code, what happened in a sentence, and `FileReport.counts` ({} if it failed)."""
+    """A file of a batch: names, exit code, what happened in words, `FileReport.counts` ({} if it failed), its page."""
 
     input: str
     output: str | None
     code: int
     sentence: str
     counts: dict[str, int]
+    report: str = ""
 
 
 def write_report(path: Path, report: FileReport) -> None:
@@ -64,72 +69,102 @@ def write_report(path: Path, report: FileReport) -> None:
 
 def write_batch(path: Path, entries: Sequence[BatchEntry]) -> None:
     """Write the summary of a batch as JSON."""
-    codes = [entry.code for entry in entries]
+    kinds = [kind(entry) for entry in entries]
     value = {
         "format": BATCH_FORMAT,
         "version": REPORT_VERSION,
         "run": _run(),
         "files": len(entries),
-        "all_swapped": codes.count(ALL_SWAPPED),
-        "some_covered": codes.count(SOME_COVERED),
-        "failed": len(codes) - codes.count(ALL_SWAPPED) - codes.count(SOME_COVERED),
+        **{name: kinds.count(name) for name in KINDS},
         "entries": [vars(entry) for entry in entries],
     }
     text = json.dumps(value, indent=1, ensure_ascii=False) + "\n"
     write_whole(path, text.encode("utf-8", "backslashreplace"))
 
 
+def kind(entry: BatchEntry) -> str:
+    """Which of KINDS a file of a batch is."""
+    if entry.code == VERIFIED:
+        return "some_covered" if entry.counts.get("covered") else "all_swapped"
+    return "not_verified" if entry.code == NOT_VERIFIED else "failed"
+
+
 def outcome(report: FileReport) -> int:
     """The exit code.
 
-    0: all swapped or left as the user said.  3: some covered, or not verified.  1: a face may be visible.
+    0: all faces are swapped, covered, or left as the user said.  3: not verified.  1: a face may be visible.
     """
     if any(not finding.covered for finding in report.audit):
         return FAILED
-    partly = len(frames_with(report, "covered")) or unverified(report) or report.damaged
-    return SOME_COVERED if partly else ALL_SWAPPED
+    return NOT_VERIFIED if len(unverified(report)) or report.damaged else VERIFIED
 
 
 def verdict(report: FileReport) -> str:
-    """The outcome, in a sentence or two."""
-    if seen := [finding.frame for finding in report.audit if not finding.covered]:
-        when = clock(float(report.seconds[seen[0]]))
-        return f"A face may be visible in the output, first in frame {seen[0]} ({when}): do not share it."
+    """The outcome in some sentences, with the times to look at."""
+    if seen := sorted(finding.frame for finding in report.audit if not finding.covered):
+        return f"A face may be visible in the output, at {times(report, seen)}: do not share it."
     return _done(report) + (" The input is damaged, see the problems: not verified." * report.damaged)
 
 
 def _done(report: FileReport) -> str:
-    """What was done, in a sentence or two."""
-    swapped, covered, left = (len(frames_with(report, done)) for done in DONE)
-    if not swapped + covered + left:
-        return f"No face was found in {counted(report.frames, 'frame')}."
-    if covered:
-        sentence = f"The faces that were found are swapped or covered; a covered one is in {counted(covered, 'frame')}."
-    else:
-        sentence = (
-            f"The faces that were found are swapped, in {counted(swapped, 'frame')}."
-            if swapped
-            else "No face is changed."
+    """What was done, in some sentences."""
+    swapped, covered, left = (frames_with(report, done) for done in DONE)
+    sentence = f"No face was found in {counted(report.frames, 'frame')}."
+    hidden = {"swapped": swapped, "covered": covered}
+    if parts := [f"{done} in {counted(len(some), 'frame')}" for done, some in hidden.items() if len(some)]:
+        sentence = f"The faces that were found are {' and '.join(parts)}."
+    elif len(left):
+        sentence = "No face is changed."
+    if len(covered):
+        sentence += f" Covers: {times(report, covered)}."
+    if len(left):
+        sentence += f" A face is left as it is in {counted(len(left), 'frame')}, as you said."
+    if len(without := without_face(report)):
+        sentence += f" In {counted(len(without), 'frame')} after a face none was found: not verified."
+    if report.unclear:
+        sentence += (
+            f" In {counted(len(report.unclear), 'frame')} nobody can tell if there is a face: not verified."
         )
-    if left:
-        sentence += f" A face is left as it is in {counted(left, 'frame')}, as you said."
-    if without := unverified(report):
-        sentence += f" In {counted(without, 'frame')} after a face none was found: not verified."
+    if len(watch := unverified(report)):
+        sentence += f" Watch {times(report, watch)}."
     return sentence
 
 
-def unverified(report: FileReport) -> int:
-    """Number of frames in which no face was found, after one that has one: it may have left, or was missed."""
-    known = np.unique(np.concatenate([frames_with(report, done) for done in DONE]))
-    return report.frames - int(known[0]) - len(known) if len(known) else 0
+def without_face(report: FileReport) -> I32:
+    """The frames in which no face was found, after one that has one: it may have left, or was missed."""
+    known = np.zeros(report.frames, bool)
+    for one in report.outcomes:
+        known[one.frames] = True
+    if known.any():
+        known[: int(known.argmax())] = True
+    return np.flatnonzero(~known if known.any() else known).astype(np.int32)
 
 
-def frames_with(report: FileReport, done: str) -> NDArray[np.int32]:
+def unverified(report: FileReport) -> I32:
+    """The frames to watch, as a face in them may have been missed."""
+    return np.union1d(without_face(report), np.array(report.unclear, np.int32)).astype(np.int32)
+
+
+def frames_with(report: FileReport, done: str) -> I32:
     """The frames, ascending, in which this was done with a face."""
-    parts = [one.frames[one.done == DONE.index(done)] for one in report.outcomes]
-    if done == "covered":
-        parts.append(np.array([finding.frame for finding in report.audit if finding.covered], np.int32))
-    return np.unique(np.concatenate([np.zeros(0, np.int32), *parts]))
+    has = np.zeros(report.frames, bool)
+    for one in report.outcomes:
+        has[one.frames[one.done == DONE.index(done)]] = True
+    return np.flatnonzero(has).astype(np.int32)
+
+
+def times(report: FileReport, frames: Sequence[int] | I32) -> str:
+    """When some frames (n,), ascending, are seen: the longest runs, those of less than a second apart as one."""
+    at = report.seconds[np.asarray(frames)]
+    runs = np.split(at, np.flatnonzero(np.diff(at) >= 1) + 1)
+    chosen = sorted(sorted(runs, key=lambda run: run[0] - run[-1])[:MAX_TIMES], key=lambda run: float(run[0]))
+    words = [
+        clock(run[0]) if clock(run[0]) == clock(run[-1]) else f"{clock(run[0])} to {clock(run[-1])}"
+        for run in chosen
+    ]
+    return ", ".join(words) + (
+        f" and {counted(len(runs) - MAX_TIMES, 'time')} more" if len(runs) > MAX_TIMES else ""
+    )
 
 
 def spans(one: TrackOutcome) -> list[Span]:
@@ -196,7 +231,14 @@ def _head(report: FileReport) -> dict[str, Any]:
         ],
         "searched": report.searched,
         "done": DONE,
+        "reasons": REASONS,
+        "covers": [vars(one) | {"seconds": _seconds(report, one.first, one.last)} for one in report.covers],
+        "not_verified": unverified(report).tolist(),
     }
+
+
+def _seconds(report: FileReport, *frames: int) -> list[float]:
+    return [round(float(report.seconds[frame]), 3) for frame in frames]
 
 
 def _run() -> dict[str, Any]:
@@ -235,6 +277,7 @@ def _write_rows(file: TextIO, head: dict[str, Any], one: TrackOutcome, seconds: 
 def _columns(one: TrackOutcome) -> Iterator[tuple[str, NDArray[Any], int]]:
     yield "frame", one.frames, 0
     yield "done", one.done, 0
+    yield "reason", one.reasons, 0
     yield "confidence", one.confidence, 2
     for k, name in enumerate(("x0", "y0", "x1", "y1")):
         yield name, one.boxes[:, k], 0
@@ -259,5 +302,6 @@ NO_OUTCOME = TrackOutcome(
     np.zeros(0, np.int32),
     np.zeros(0, np.uint8),
     np.zeros(0, np.float32),
+    np.zeros(0, np.uint8),
     np.zeros((0, 4), np.int32),
 )

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from guise.app.deidentify.covers import CoverSpan
 from guise.app.deidentify.options import DeidentifyError
 from guise.app.deidentify.tracks import Track, split_tracks
 from guise.app.swapping.policy import ACTIONS
@@ -46,12 +47,13 @@ def write_tracks(
     fingerprint: str,
     frames: int,
     seconds: NDArray[np.float64],
+    covers: Sequence[CoverSpan] = (),
     splits: Mapping[int, Sequence[int]] | None = None,
 ) -> None:
     """Write the tracks for a reviewer to edit.
 
     input_name, fingerprint : of the video.   frames : number of them.   seconds : (frames,) time of each.
-    splits : which tracks the user has split, see `split_tracks`.
+    covers : what would be covered.   splits : which tracks the user has split, see `split_tracks`.
     """
     splits = splits or {}
     head = {
@@ -65,9 +67,11 @@ def write_tracks(
     }
     parts = split_tracks(tracks, splits)
     rows = [_row(track) | {"seconds": _times(track, seconds)} for track in parts]
+    shown = [vars(one) | {"seconds": _times(one, seconds)} for one in covers]
     text = (
-        json.dumps(head, indent=2, ensure_ascii=False)[:-2] + ',\n  "tracks": [' + _laid_out(rows) + "]\n}\n"
-    )
+        json.dumps(head, indent=2, ensure_ascii=False)[:-2] + ',\n  "tracks": [' + _laid_out(rows)
+        + '],\n  "covers": [' + _laid_out(shown) + "]\n}\n"
+    )  # fmt: skip
     # A name that isn't valid Unicode holds lone surrogates, which only JSON escapes can represent.
     write_whole(path, text.encode("utf-8", "backslashreplace"))
 
@@ -139,7 +143,7 @@ def _can_swap(track: Track) -> bool:
     return track.can_swap or track.proposed == "swap"
 
 
-def _times(track: Track, seconds: NDArray[np.float64]) -> list[float]:
+def _times(track: Track | CoverSpan, seconds: NDArray[np.float64]) -> list[float]:
     return [round(float(seconds[frame]), 3) for frame in (track.first, track.last)]
 
 

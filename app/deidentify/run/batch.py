@@ -18,9 +18,9 @@ from typing import Protocol
 from guise.app.deidentify.options import DeidentifyOptions
 from guise.app.deidentify.report.page import write_batch_page
 from guise.app.deidentify.report.report import (
-    ALL_SWAPPED,
     FAILED,
-    SOME_COVERED,
+    NOT_VERIFIED,
+    VERIFIED,
     BatchEntry,
     outcome,
     verdict,
@@ -119,10 +119,10 @@ def run_all(
 
 
 def exit_code(entries: Sequence[BatchEntry]) -> int:
-    """1 when a file has failed, else 3 when a face was covered, else 0; 2 when the only file could not be read."""
+    """1 when a file has failed, else 3 when one is not verified, else 0; 2 when the only file could not be read."""
     codes = {entry.code for entry in entries}
-    if codes <= {ALL_SWAPPED, SOME_COVERED}:
-        return max(codes, default=ALL_SWAPPED)
+    if codes <= {VERIFIED, NOT_VERIFIED}:
+        return max(codes, default=VERIFIED)
     return UNREAD if codes == {UNREAD} else FAILED
 
 
@@ -194,8 +194,10 @@ def _one(pair: FilePair, run: BatchRun, observer: BatchObserver) -> BatchEntry:
             tracks=run.tracks, progress=progress, say=lambda text: observer.note(with_names(text, pair)),
         )  # fmt: skip
         if report is None:  # stopped for a review
-            return BatchEntry(pair.name, None, ALL_SWAPPED, "The tracks are ready to be reviewed.", {})
-        entry = BatchEntry(pair.name, pair.shown_output, outcome(report), verdict(report), report.counts)
+            return BatchEntry(pair.name, None, VERIFIED, "The tracks are ready to be reviewed.", {})
+        entry = BatchEntry(
+            pair.name, pair.shown_output, outcome(report), verdict(report), report.counts, _page_of(pair)
+        )
     clean_up(pair, progress)
     return entry
 
@@ -248,9 +250,16 @@ def _earlier_output(pair: FilePair) -> BatchEntry | None:
 def _entry_from(pair: FilePair, report: bytes | None) -> BatchEntry:
     if report is None:
         sentence = "It existed already, without a report."
-        return BatchEntry(pair.name, pair.shown_output, ALL_SWAPPED, sentence, {})
+        return BatchEntry(pair.name, pair.shown_output, VERIFIED, sentence, {})
     known = json.loads(report)
-    return BatchEntry(pair.name, pair.shown_output, known["outcome"], known["sentence"], known["counts"])
+    return BatchEntry(
+        pair.name, pair.shown_output, known["outcome"], known["sentence"], known["counts"], _page_of(pair)
+    )
+
+
+def _page_of(pair: FilePair) -> str:
+    """The name of the page of a file's report, as the user gave that of the output."""
+    return pair.shown_output.removesuffix(pair.output.name) + beside(pair.output, ".report.html").name
 
 
 def _send(pair: FilePair) -> None:

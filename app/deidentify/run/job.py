@@ -173,7 +173,7 @@ def replanned(folder: Path, tracks: Path, options: DeidentifyOptions) -> Case:
     work.save_json(MANIFEST, work.load_json(MANIFEST) | {"options": options.as_json()})
     case = Case(work)
     work.save_json("tracks.json", [track_json(track) for track in chosen_tracks(case, tracks)])
-    work.save_arrays("plan.npz", **plan_faces(case))
+    work.save_arrays("plan.npz", **plan_faces(case, case.tracks))
     return case
 
 
@@ -216,7 +216,7 @@ class _Stages:
         case = self.case
         self._once("tracks.json", lambda: [track_json(track) for track in chosen_tracks(case, edited)])
         if not case.work.has("plan.npz"):
-            case.work.save_arrays("plan.npz", **plan_faces(case))
+            case.work.save_arrays("plan.npz", **plan_faces(case, case.tracks))
 
     def render(self) -> None:
         """All segments of the output."""

@@ -11,6 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.recognition import same_person, signature
+from guise.app.deidentify.covers import (
+    BYSTANDER,
+    CHOSEN,
+    EDGE,
+    GAP,
+    NO_REASON,
+    NOT_ENROLLED,
+    UNSURE_FIT,
+    numbered,
+    rows_of,
+)
 from guise.app.deidentify.report.review import read_tracks
 from guise.app.deidentify.stages.case import Case, LinkedTrack, track_from
 from guise.app.deidentify.stages.people import LIMITS as ENROLMENT
@@ -28,6 +39,7 @@ from guise.app.swapping.policy import (
     Decision,
     TrackObservations,
     decide,
+    frames_within,
 )
 from guise.common.arrays import F32
 
@@ -161,33 +173,36 @@ def _donors(case: Case, people: Mapping[int, int]) -> dict[int, str]:
     return KeyFile.open(options.keyfile).assign(faces, options.donor, own=options.gallery, salt=salt)
 
 
-def plan_faces(case: Case) -> dict[str, NDArray[Any]]:
-    """What happens to each face in each frame, by frame."""
-    columns: list[tuple[NDArray[Any], ...]] = []
+def plan_faces(case: Case, tracks: Sequence[Track]) -> dict[str, NDArray[Any]]:
+    """What happens to each face in each frame, in the columns of `guise.app.deidentify.covers`."""
     linked = {one.number: one for one in case.linked}
-    for track in case.tracks:
-        whole = linked[track.origin]
-        d = _decided(case, whole, track.action)
-        mine = (d.frames >= track.first) | (track.first == whole.first)
-        mine &= (d.frames <= track.last) | (track.last == whole.last)
-        parts = (d.frames, d.done, d.boxes, d.turns, d.growth, d.confidence)
-        columns.append((np.full(int(mine.sum()), track.number), *(part[mine] for part in parts)))
-    b = _bystanders(case)
-    ones = np.ones(len(b.frames))
-    columns.append(
-        (np.full(len(ones), BYSTANDERS), b.frames, ones * COVERED, b.boxes, b.turns, ones, b.scores)
-    )
-    joined = [np.concatenate(parts) for parts in zip(*columns, strict=True)]
-    joined[2] = np.where(case.worked_on[joined[1].astype(np.intp)], joined[2], LEFT)
-    order = np.argsort(joined[1], kind="stable")
-    names = ("track", "frame", "done", "box", "turn", "growth", "confidence")
-    types = (np.int32, np.int32, np.uint8, *[np.float32] * 4)
+    plan = rows_of([*(_rows(case, linked[one.origin], one) for one in tracks), _bystanders(case)])
+    stays = ~case.worked_on[plan["frame"]]
+    plan["done"][stays], plan["reason"][stays], plan["cover"][stays] = LEFT, NO_REASON, 0
     if case.options.region == "head":
-        joined[names.index("growth")] *= LIMITS.head_growth
-    return {n: a[order].astype(t) for n, a, t in zip(names, joined, types, strict=True)}
+        plan["growth"] *= np.float32(LIMITS.head_growth)
+    return plan
 
 
-def _bystanders(case: Case) -> Bystanders:
+def _rows(case: Case, whole: LinkedTrack, track: Track) -> dict[str, NDArray[Any]]:
+    """The columns of a track, which may be a part of a whole one."""
+    d = _decided(case, whole, track.action)
+    mine = (d.frames >= track.first) | (track.first == whole.first)
+    mine &= (d.frames <= track.last) | (track.last == whole.last)
+    unseen = np.where((d.frames < whole.first) | (d.frames > whole.last), EDGE, GAP)
+    why = np.where(d.growth > 1, unseen, UNSURE_FIT)  # what is seen has not grown
+    if track.action == "cover":
+        why = np.full(len(mine), CHOSEN if track.proposed == "swap" else NOT_ENROLLED)
+    columns = {
+        "track": np.full(len(mine), track.number), "frame": d.frames, "done": d.done, "box": d.boxes, "turn": d.turns,
+        "growth": d.growth, "confidence": d.confidence, "reason": np.where(d.done == COVERED, why, NO_REASON),
+        "cover": np.zeros(len(mine)),
+    }  # fmt: skip
+    return {name: values[mine] for name, values in columns.items()}
+
+
+def _bystanders(case: Case) -> dict[str, NDArray[Any]]:
+    """The columns of faces that are not tracked."""
     found = [case.found(k, points=False) for k in range(len(case.scan.segments))]
     seen = Bystanders(
         np.concatenate([f.bystander_frame for f in found]),
@@ -195,4 +210,11 @@ def _bystanders(case: Case) -> Bystanders:
         np.concatenate([f.bystander_score for f in found]),
         np.concatenate([f.bystander_turn for f in found]),
     )
-    return seen.spread(total=case.scan.frames, rate=case.rate, cuts=case.cuts)
+    frames, rows = seen.around(total=case.scan.frames, rate=case.rate, cuts=case.cuts)
+    reach = frames_within(LIMITS.unseen_seconds, case.rate)
+    ones = np.ones(len(rows))
+    return {
+        "track": ones * BYSTANDERS, "frame": frames, "done": ones * COVERED, "box": seen.boxes[rows],
+        "turn": seen.turns[rows], "growth": ones, "confidence": seen.scores[rows], "reason": ones * BYSTANDER,
+        "cover": numbered(seen.frames, seen.boxes, reach)[rows],
+    }  # fmt: skip

@@ -10,20 +10,19 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from guise.aam.landmarks.heads import region
+from guise.app.deidentify.covers import FOUND, Rows, covers_of, rows_of
 from guise.app.deidentify.options import DeidentifyOptions
 from guise.app.deidentify.report.page import write_page
 from guise.app.deidentify.report.report import write_report
 from guise.app.deidentify.report.review import write_tracks
 from guise.app.deidentify.report.sheet import contact_sheet
+from guise.app.deidentify.run.planning import plan_faces
 from guise.app.deidentify.stages.case import Case, track_from
 from guise.app.deidentify.tracks import BYSTANDERS, AuditFinding, FileReport, TrackOutcome
 from guise.app.media.pictures import save_picture
 from guise.app.swapping.donors import bare
-from guise.app.swapping.policy import (
-    COVERED,
-    LEFT,
-    SWAPPED,
-)
+from guise.app.swapping.policy import COVERED
 from guise.common.files import fitting_name
 
 
@@ -46,16 +45,28 @@ def report_of(case: Case, names: tuple[str, str], output: Path, seconds: float) 
         for r in renders
         for a in r["audit"]
     ]
-    plan, covered = case.plan, [frame for r in renders for frame in r["covered"]]
+    rows = drawn_rows(case)
     with case.open_input() as media:
         width, height = media.width, media.height
     return FileReport(
         *names, case.scan.frames, case.times, width, height, case.tracks,
-        tuple(_outcome(plan, n) for n in [*(t.number for t in case.tracks), BYSTANDERS]), tuple(findings),
-        _counts(plan, case.scan.frames, covered), {**_settings(case.options), "renderer": renders[0]["renderer"]},
+        outcomes_of(rows, [track.number for track in case.tracks]), tuple(findings),
+        tuple(covers_of(rows)), {**_settings(case.options), "renderer": renders[0]["renderer"]},
         tuple(dict.fromkeys(problems)), round(seconds, 3), _digest(output), sum(r["searched"] for r in renders),
-        any(found["damage"] for found in read),
+        any(found["damage"] for found in read), tuple(frame for r in renders for frame in r["unclear"]),
     )  # fmt: skip
+
+
+def drawn_rows(case: Case) -> dict[str, NDArray[Any]]:
+    """What was drawn, in the columns of `guise.app.deidentify.covers`; finds of the audit are numbered last."""
+    parts, used = [], int(case.plan["cover"].max(initial=0))
+    for k in range(len(case.scan.segments)):
+        rows = case.work.load_arrays(f"drawn.{k}.npz")
+        found = rows["reason"] == FOUND
+        rows["cover"][found] += used
+        used = max(used, int(rows["cover"].max(initial=0)))
+        parts.append(rows)
+    return rows_of(parts)
 
 
 def _settings(options: DeidentifyOptions) -> dict[str, Any]:
@@ -81,22 +92,19 @@ def _digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _outcome(plan: dict[str, NDArray[Any]], track: int) -> TrackOutcome:
-    mine = np.flatnonzero(plan["track"] == track)
-    boxes = np.round(plan["box"][mine]).astype(np.int32)
-    return TrackOutcome(track, plan["frame"][mine], plan["done"][mine], plan["confidence"][mine], boxes)
+def outcomes_of(rows: Rows, tracks: Sequence[int]) -> tuple[TrackOutcome, ...]:
+    """What was done with each track, by number, and with all other faces."""
+    return tuple(_outcome(rows, number) for number in (*tracks, BYSTANDERS))
 
 
-def _counts(plan: dict[str, NDArray[Any]], frames: int, covered: Sequence[int]) -> dict[str, int]:
-    """Of the frames, by the worst that was done in each.   covered : those with a cover for what the audit found."""
-    worst = np.full(frames, -1)
-    for rank, code in enumerate((SWAPPED, COVERED, LEFT)):
-        these = plan["frame"][plan["done"] == code]
-        worst[these] = np.maximum(worst[these], rank)
-    these = np.array(covered, np.intp)
-    worst[these] = np.maximum(worst[these], 1)
-    names = ("without face", "swapped", "covered", "left")
-    return {name: int((worst == rank).sum()) for rank, name in enumerate(names, start=-1)}
+def _outcome(rows: Rows, track: int) -> TrackOutcome:
+    mine = np.flatnonzero(rows["track"] == track)
+    boxes = rows["box"][mine].copy()
+    for place, row in enumerate(mine.tolist()):
+        if rows["done"][row] == COVERED:
+            boxes[place] = region(rows["box"][row], float(rows["growth"][row]), float(rows["turn"][row]))
+    frames, done, confidence, reasons = (rows[k][mine] for k in ("frame", "done", "confidence", "reason"))
+    return TrackOutcome(track, frames, done, confidence, reasons, np.round(boxes).astype(np.int32))
 
 
 def pictures(case: Case, kind: Literal["pictures", "output"]) -> dict[int, list[NDArray[np.uint8]]]:
@@ -117,7 +125,7 @@ def write_review(case: Case, output: Path, splits: Mapping[int, Sequence[int]] |
     table, sheet = beside(output, ".tracks.json"), beside(output, ".tracks.jpg")
     write_tracks(
         table, tracks, input_name=case.manifest["name"], fingerprint=case.manifest["fingerprint"],
-        frames=case.scan.frames, seconds=case.times, splits=splits,
+        frames=case.scan.frames, seconds=case.times, covers=covers_of(plan_faces(case, tracks)), splits=splits,
     )  # fmt: skip
     save_picture(sheet, contact_sheet(pictures(case, "pictures"), tracks, case.times))
     for path in (table, sheet):

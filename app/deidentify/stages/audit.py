@@ -267,7 +267,7 @@ class Audit(Closing):
         for box, score, turn in zip(found.boxes, found.scores, found.turns, strict=True):
             is_known = any(_inside(box, place) for place in places)
             is_known = is_known or any(_is_hair(box, float(turn), entry) for entry in entries)
-            if is_known or _share_within(box, covers) > 1 - LIMITS.max_unchanged_covered:
+            if is_known or share_within(box, covers) > 1 - LIMITS.max_unchanged_covered:
                 continue
             if self._is_in_original(luma, box * scale, float(turn), negative):
                 yield AuditDetection(index, box, float(score), float(turn), negative)
@@ -375,7 +375,7 @@ def _middle(box: NDArray[np.floating]) -> F64:
     return np.concatenate([centre - half, centre + half]).astype(np.float64)
 
 
-def _share_within(box: F32, places: Sequence[F64]) -> float:
+def share_within(box: F32, places: Sequence[F64]) -> float:
     """Share of the middle of a box (4,) that lies in any of some places (4,)."""
     middle = _middle(box)
     at = np.linspace(middle[:2], middle[2:], LIMITS.patch_pixels)
@@ -393,7 +393,7 @@ def _is_hair(box: F32, turn: float, entry: FaceTreatment) -> bool:
     """
     upside_down = float(np.cos(turn - entry.turn)) < LIMITS.max_upside_down_cosine
     above = upside_down and not _inside(box, entry.box)
-    return entry.done == SWAPPED and above and _share_within(box, [entry.region]) == 1
+    return entry.done == SWAPPED and above and share_within(box, [entry.region]) == 1
 
 
 def _is_unchanged(one: U8 | None, other: U8 | None, most: float, where: Bool | None = None) -> bool:

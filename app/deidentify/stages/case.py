@@ -1,8 +1,8 @@
 """A file that is being de-identified: what its work folder says of it.
 
 Results in the folder: manifest.json, scan.json, detect.K.npz, link.json, person.P.guise or person.P.json (why there is
-none), region.json, gaps.K.npz, fit.K.npz, tracks.json, plan.npz, render.K.packets, render.K.json and render.K.npz, for
-segments K and persons P.
+none), region.json, gaps.K.npz, fit.K.npz, tracks.json, plan.npz, render.K.packets, output.K.npz, drawn.K.npz and
+render.K.json, for segments K and persons P.
 """
 
 from __future__ import annotations
@@ -175,7 +175,7 @@ class Case:
 
     @cached_property
     def plan(self) -> dict[str, NDArray[Any]]:
-        """What happens to each face: track, frame, done, box, turn, growth, confidence, by frame."""
+        """What is to happen to each face, in the columns of `guise.app.deidentify.covers`."""
         return self.work.load_arrays("plan.npz")
 
     def span(self, segment: int) -> tuple[int, int]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from guise.aam.landmarks.heads import region
 from guise.aam.model import Identity
 from guise.aam.parsing import HeadParser
+from guise.app.deidentify.covers import rows_from
 from guise.app.deidentify.stages.audit import Audit, AuditDetection, AuditSearch
 from guise.app.deidentify.stages.case import KEPT, Case, LinkedTrack
 from guise.app.deidentify.stages.fit import Fits
@@ -169,17 +170,18 @@ def render(case: Case, segment: int) -> None:
                 break
             audit.look_closer(detections)
             covered += detections
-        hidden = [f for f, these in segment_renderer.entries.items() if len(these) > len(planned.get(f, []))]
         renderer, problems = segment_renderer.renderer, list(media.problems)
         pictures = _output_pictures(case, segment, segment_renderer)
     KEPT.clear()  # this was the last stage
     case.work.save_arrays(f"output.{segment}.npz", **pictures)
+    inside = {frame: these for frame, these in segment_renderer.done.items() if frame >= first}
+    case.work.save_arrays(f"drawn.{segment}.npz", **rows_from(inside))
     findings = [_finding(one, True) for one in covered] + [_finding(one, False) for one in detections]
     case.work.save_json(
         f"render.{segment}.json",
         {
             "audit": findings,
-            "covered": hidden,
+            "unclear": [],
             "searched": audit.searched,
             "renderer": renderer,
             "problems": problems,

@@ -6,7 +6,7 @@ What the audit finds is covered too, and the segment is rendered again.  Pixels 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +18,8 @@ from guise.aam.landmarks import iou
 from guise.aam.parsing import HeadParser
 from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
-from guise.app.deidentify.stages.audit import AuditDetection, DrawnFace
+from guise.app.deidentify.covers import FOUND, NOT_DRAWN, TURNED, numbered
+from guise.app.deidentify.stages.audit import AuditDetection, DrawnFace, share_within
 from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.gaps import Gaps
 from guise.app.deidentify.stages.head import Behind, HeadPainter, Plate
@@ -45,6 +46,9 @@ class RenderLimits:
     """How far a swap reaches beyond the face's outline, and what follows what the audit finds."""
 
     audit_grid_step: int = 4  # pixels of the reference grid, of what the audit is told of objects in front
+    hidden_share: float = (
+        0.5  # of the middle of a swapped face, or of a cover's opacity, from which it is covered
+    )
     same_place_iou: float = 0.5  # of two detections of the audit
     max_repeats: int = 3  # of a segment in which the audit found faces
 
@@ -75,6 +79,7 @@ class SegmentRenderer(Closing):
         self._label: Label | None = None
         self._last = {e.who: frame for frame in sorted(entries) for e in entries[frame] if e.done == SWAPPED}
         self.drawn: dict[int, list[DrawnFace]] = defaultdict(list)  # by frame
+        self.done: dict[int, list[FaceTreatment]] = {}  # by frame, as `entries`, but as it is in the picture
 
     def draw(self, frame: Frame) -> None:
         """Change a frame in place: swaps first, so that covers lie over them."""
@@ -93,7 +98,8 @@ class SegmentRenderer(Closing):
         fits: dict[int, Fit | Failed] = {
             who: Fit(shape, np.zeros(0), 0.0, 1.0) for who, shape in known.items()
         }
-        self._session.treat(frame, entries, fits, after)
+        rows = self._session.treat(frame, entries, fits, after)
+        self.done[frame.index] = as_drawn(entries, rows)
         for who in shapes:
             if frame.index == self._last[who]:
                 self._release(who)
@@ -162,6 +168,32 @@ class SegmentRenderer(Closing):
         self._session.close()
 
 
+def as_drawn(entries: Sequence[FaceTreatment], rows: Iterable[FaceRow]) -> list[FaceTreatment]:
+    """What was done in a frame as a viewer sees it: a swap that was not possible, or lies under a cover, is covered.
+
+    rows : what the session did.   What the audit found on such a face is that face.
+    """
+    doubts = {row.who: row.doubt for row in rows if row.mesh is not None}
+    done = [_as_swapped(one, doubts.get(one.who)) if one.done == SWAPPED else one for one in entries]
+    covers, seen, finds = [one for one in done if one.done == COVERED], list[FaceTreatment](), list[int]()
+    for one in done:
+        over = [
+            c
+            for c in covers
+            if one.done == SWAPPED and share_within(one.box, [c.region]) > LIMITS.hidden_share
+        ]
+        seen.append(replace(over[0], who=one.who) if over else one)
+        finds += [id(c) for c in over if c.reason == FOUND]
+    return [one for one in seen if id(one) not in finds]
+
+
+def _as_swapped(one: FaceTreatment, doubt: float | None) -> FaceTreatment:
+    """A swap as it was drawn.   doubt : opacity of the cover over it; None where nothing was drawn."""
+    if doubt is None:
+        return replace(one, done=one.otherwise, reason=NOT_DRAWN)
+    return replace(one, done=COVERED, reason=TURNED) if doubt >= LIMITS.hidden_share else one
+
+
 def _drawn(track: int, engine: Engine, mesh: F64) -> DrawnFace:
     """What an engine has drawn on a mesh (81, 2), for the audit."""
     box, uncovered = np.concatenate([mesh.min(0), mesh.max(0)]), engine.uncovered
@@ -211,6 +243,9 @@ def entries_of(plan: dict[str, NDArray[Any]], first: int, last: int) -> dict[int
                 plan["box"][i],
                 float(plan["growth"][i]),
                 float(plan["turn"][i]),
+                confidence=float(plan["confidence"][i]),
+                reason=int(plan["reason"][i]),
+                cover=int(plan["cover"][i]),
             )
         )
     return entries
@@ -226,7 +261,7 @@ def with_detections(
     """
     about = frames_within(POLICY.near_seconds, rate)
     more = defaultdict(list, {frame: list(these) for frame, these in entries.items()})
-    for one in detections:
+    for one, number in zip(detections, _numbers(detections, last - first), strict=True):
         is_followed = any(
             entry.done == SWAPPED and iou(entry.box, one.box) > LIMITS.same_place_iou
             for entry in entries.get(one.frame, [])
@@ -234,8 +269,21 @@ def with_detections(
         rests = not is_followed and _rests(one, detections, about)
         margin = last - first if rests else about
         for frame in range(max(first, one.frame - margin), min(last, one.frame + margin + 1)):
-            more[frame].append(FaceTreatment(NOBODY, COVERED, one.box, 1.0, one.turn))
+            more[frame].append(
+                FaceTreatment(
+                    NOBODY, COVERED, one.box, 1.0, one.turn, confidence=one.score, reason=FOUND, cover=number
+                )
+            )
     return more
+
+
+def _numbers(detections: Sequence[AuditDetection], reach: int) -> list[int]:
+    """A number from 1 for each place at which the audit found something."""
+    order = sorted(range(len(detections)), key=lambda k: detections[k].frame)
+    frames = np.array([detections[k].frame for k in order], np.int32)
+    boxes = np.array([detections[k].box for k in order], np.float32).reshape(-1, 4)
+    of = dict(zip(order, numbered(frames, boxes, reach).tolist(), strict=True))
+    return [of[k] for k in range(len(detections))]
 
 
 def _rests(one: AuditDetection, detections: Sequence[AuditDetection], about: int) -> bool:
