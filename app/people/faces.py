@@ -4,15 +4,15 @@ A detector runs on every frame with a low threshold: on the frame as it is, and 
 no upright face is certain, otherwise one of them in every third frame, in turn).  Where the faces that were seen lately
 are large, small ones are searched in every third frame only.  Boxes that are certainly faces start a tracklet, which is
 tracked from frame to frame and, from its first frame, back through the frames before; what else looks like a face is
-kept as a bystander, and so are parts of faces at the picture's sides, searched in every third frame.  Pixels as shown,
-x right, y down; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; frames RGB uint8; turns in radians, by which a face is
-rolled clockwise.
+kept as a bystander, and so are parts of faces at the picture's sides, searched in every third frame, and faces behind
+bars or letters that are seen at a glance (`guise.aam.landmarks.glances`).  Pixels as shown, x right, y down; boxes
+``x0 y0 x1 y1`` of the 68 iBUG points; frames RGB uint8; turns in radians, by which a face is rolled clockwise.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 from guise.aam.landmarks import Face, iou
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.detector import FaceDetector
+from guise.aam.landmarks.glances import CYCLE, Glancer, is_face, is_surely_face, likeness_through
 from guise.aam.landmarks.heads import region
-from guise.aam.landmarks.rolls import RolledBoxes, detect_on_schedule, turn_of
+from guise.aam.landmarks.rolls import TURNED, UPRIGHT, RolledBoxes, detect_on_schedule, turn_of
 from guise.aam.landmarks.schemes import COUNT
 from guise.aam.landmarks.sides import detect_at_sides
 from guise.aam.landmarks.tracking import MultiFaceTracker, TrackingLimits
@@ -55,6 +56,7 @@ class CandidateLimits:
     small_face_pixels: int = 64
     side_interval_frames: int = 3  # from one search for parts of faces at the sides to the next
     min_likeness_at_side: float = 3.0
+    glance_interval_frames: int = 3  # from one glance to the next, beside a certain face
     sights: int = 2  # others that confirm a candidate,
     sight_frames: int = 6  # within so many frames
     sight_iou: float = 0.2  # and at its place
@@ -136,13 +138,17 @@ class SegmentFaces:
 
 @dataclass(frozen=True, eq=False)
 class DetectedFrame:
-    """A frame after the detector: index, RGB, what was found, the frame made small, and parts of faces at its sides."""
+    """A frame after the detector: index, RGB, what was found, and the frame made small.
+
+    at_sides : parts of faces at its sides.   glimpsed : what was seen at a glance.
+    """
 
     index: int
     rgb: U8
     found: RolledBoxes
     small: U8
     at_sides: RolledBoxes = field(default_factory=RolledBoxes.none)
+    glimpsed: RolledBoxes = field(default_factory=RolledBoxes.none)
 
 
 def detect_boxes(
@@ -154,13 +160,16 @@ def detect_boxes(
         the `DETECTED_AHEAD` frames before that have been taken.
     """
 
+    glancer = Glancer()
+
     def work(frame: Frame, small_faces: bool) -> DetectedFrame:
         rgb = frame.quick_rgb()
         found = detect_on_schedule(detector, rgb, frame.index, LIMITS.certain_score, small=small_faces)
         small = cv2.resize(frame.luma, SMALL_SIZE, interpolation=cv2.INTER_AREA)
         is_searched = frame.index % LIMITS.side_interval_frames == 0
         at_sides = detect_at_sides(detector, rgb) if is_searched else RolledBoxes.none()
-        return DetectedFrame(frame.index, rgb, found, np.asarray(small, np.uint8), at_sides)
+        glimpsed = _glimpsed(glancer, rgb, frame.index, found)
+        return DetectedFrame(frame.index, rgb, found, np.asarray(small, np.uint8), at_sides, glimpsed)
 
     with ThreadPoolExecutor(DETECTOR_THREADS) as pool:
         waiting: deque[Future[DetectedFrame]] = deque()
@@ -170,6 +179,15 @@ def detect_boxes(
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
+
+
+def _glimpsed(glancer: Glancer, rgb: U8, index: int, found: RolledBoxes) -> RolledBoxes:
+    """A glance at a frame, also at another roll; beside an upright face that is certain, at every third frame."""
+    is_upright = np.abs(found.turns) <= LIMITS.upright_radians
+    if not (found.scores[is_upright] >= LIMITS.certain_score).any():
+        return glancer.faces(rgb, index, (*UPRIGHT, TURNED[index // CYCLE % len(TURNED)]))
+    number, rest = divmod(index, LIMITS.glance_interval_frames)
+    return RolledBoxes.none() if rest else glancer.faces(rgb, number)
 
 
 def is_cut(before: U8, after: U8) -> bool:
@@ -295,6 +313,7 @@ class SegmentTracker:
             elif (candidate := _candidate(frame.index, box, score, turn, likeness)) is not None:
                 candidates.append(candidate)
         candidates += self._at_sides(frame)
+        candidates += self._at_glance(frame, candidates)
         # Boxes at a wrong roll may come before the face's own.
         candidates = [one for one in candidates if not self._is_on_known(one.box, one.score, one.turn)]
         self._candidates += candidates
@@ -306,6 +325,23 @@ class SegmentTracker:
         for box, score in zip(frame.at_sides.boxes, frame.at_sides.scores, strict=True):
             if self._looks.likeness(frame.rgb, box, 0.0) >= LIMITS.min_likeness_at_side:
                 yield Candidate(frame.index, box, float(score), confirmed=True)
+
+    def _at_glance(self, frame: DetectedFrame, others: Sequence[Candidate]) -> Iterator[Candidate]:
+        """What was glimpsed beside other candidates; a tracklet is started where there are points."""
+        glimpsed = frame.glimpsed
+        for box, score, turn in zip(
+            glimpsed.boxes, glimpsed.scores.tolist(), glimpsed.turns.tolist(), strict=True
+        ):
+            if self._is_on_known(box, score, turn) or any(_belongs(box, one.box) for one in others):
+                continue
+            likeness = likeness_through(self._looks, frame.rgb, box, turn)
+            if not is_face(score, likeness):
+                continue
+            face = self._looks.face_in_box(frame.rgb, box, turn)
+            if face is not None and face.confidence >= TRACKING.start_confidence:
+                self._start(frame.index, face)
+            else:
+                yield Candidate(frame.index, box, score, is_surely_face(score, likeness), turn)
 
     def _is_on_known(self, box: F32, score: float = 1.0, turn: float = 0.0) -> bool:
         """Whether a box is that of a face that is tracked in this frame, or of something on its head."""

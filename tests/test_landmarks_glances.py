@@ -1,0 +1,65 @@
+"""Faces in plain sight behind bars, wires or letters, which the search finds without ever seeing them sharp."""
+
+from __future__ import annotations
+
+from itertools import islice
+
+import cv2
+import numpy as np
+import pytest
+from made_up import SAMPLES
+
+from guise.aam.landmarks.builtin import BuiltinLandmarker
+from guise.aam.landmarks.face import iou
+from guise.aam.landmarks.glances import CYCLE, Glancer, is_face, likeness_through
+from guise.aam.landmarks.rolls import RolledBoxes
+from guise.aam.landmarks.schemes import IBUG68
+from guise.app.media import Frame, open_input
+from guise.app.people import faces
+from guise.app.people.faces import detect_faces
+
+FRAMES = 2 * CYCLE
+
+
+def clip(pattern: str, person: str = "p01") -> tuple[list[np.ndarray], np.ndarray]:
+    """Frames behind a pattern, and the boxes (t, 4) of the face."""
+    points = np.load(SAMPLES / person / "talk.npz")["landmarks"][:FRAMES, IBUG68].astype(np.float32)
+    with open_input(SAMPLES / person / "talk.mp4") as media:
+        frames = [np.array(frame.rgb()) for frame in islice(media, FRAMES)]
+    pitch = int(np.ptp(points[0, :, 0]) / 5)
+    for rgb in frames:
+        if pattern == "slats":
+            for row in range(pitch // 3):
+                rgb[row::pitch] = 200
+        elif pattern == "wires":
+            for at in range(-rgb.shape[0], rgb.shape[1] + rgb.shape[0], pitch):
+                for end in (at + rgb.shape[0], at - rgb.shape[0]):
+                    cv2.line(rgb, (at, 0), (end, rgb.shape[0]), (60, 60, 60), max(pitch // 6, 1))
+    return frames, np.concatenate([points.min(1), points.max(1)], axis=1)
+
+
+@pytest.mark.parametrize("pattern", ["slats", "wires"])
+@pytest.mark.slow
+def test_a_face_behind_a_pattern_is_held_in_every_frame_by_glances_alone(
+    pattern: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(faces, "detect_on_schedule", lambda *given, **more: RolledBoxes.none())
+    frames, boxes = clip(pattern)
+    found = detect_faces([Frame.from_rgb(rgb, index=i) for i, rgb in enumerate(frames)])
+    seen = np.concatenate([found.frame, found.bystander_frame])
+    places = np.concatenate([found.box, found.bystander_box])
+    sights = [index for index, box in zip(seen, places, strict=True) if iou(box, boxes[index]) > 0.4]
+    assert np.diff([-1, *sorted(set(sights)), FRAMES]).max() <= CYCLE
+
+
+def test_a_face_looks_like_one_through_slats_and_nothing_else_does() -> None:
+    landmarker, (frames, boxes) = BuiltinLandmarker(), clip("slats")
+    apart = np.array([0, 0, 40, 40], np.float32)
+    assert likeness_through(landmarker, frames[0], boxes[0], 0.0) > 3
+    assert not is_face(0.6, likeness_through(landmarker, frames[0], apart, 0.0))
+
+
+@pytest.mark.parametrize("shape", [(240, 320), (60, 4), (1, 1)])
+def test_a_picture_of_nothing_has_no_face(shape: tuple[int, int]) -> None:
+    glancer, plain = Glancer(), np.full((*shape, 3), 90, np.uint8)
+    assert [len(glancer.faces(plain, number)) for number in range(CYCLE)] == [0] * CYCLE
