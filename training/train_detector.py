@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import copy
 import csv
+import math
 import time
 from collections.abc import Iterator
 from itertools import pairwise
@@ -223,7 +224,7 @@ def train(
     optimiser = torch.optim.AdamW(net.parameters(), lr=rate, weight_decay=0.01)
     schedule = torch.optim.lr_scheduler.LambdaLR(
         optimiser,
-        lambda i: min((i + 1) / warm, 0.5 * (1 + np.cos(np.pi * min(1, max(0, i - warm) / (steps - warm))))),
+        lambda i: min((i + 1) / warm, 0.5 * (1 + math.cos(math.pi * min(1, max(0, i - warm) / (steps - warm))))),
     )
     kept, done = output / "state.pt", 0
     if resume and kept.exists():
