@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks import Face, iou
 from guise.aam.landmarks.builtin import BuiltinLandmarker
-from guise.aam.landmarks.detector import FaceDetector
+from guise.aam.landmarks.detector import MIN_FACE_PIXELS, FaceDetector
 from guise.aam.landmarks.glances import CYCLE, Glancer, is_face, is_surely_face, likeness_through
 from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.rolls import TURNED, UPRIGHT, RolledBoxes, detect_on_schedule, turn_of
@@ -43,6 +43,8 @@ class CandidateLimits:
     candidate needs no other sight of it.
     """
 
+    smallest_pixels: float = 24  # of faces that are searched,
+    longest_pixels: int = 1280  # the longer side of the picture in which they are
     min_score: float = 0.15  # of a box that supports a tracked face
     min_candidate_score: float = 0.2
     certain_score: float = 0.75  # from which an upright box is a face whatever it looks like
@@ -151,24 +153,24 @@ class DetectedFrame:
     glimpsed: RolledBoxes = field(default_factory=RolledBoxes.none)
 
 
-def detect_boxes(
-    frames: Iterable[Frame], detector: FaceDetector, has_small_faces: Callable[[], bool]
-) -> Iterator[DetectedFrame]:
+def detect_boxes(frames: Iterable[Frame], has_small_faces: Callable[[], bool]) -> Iterator[DetectedFrame]:
     """Detect faces in all frames, a few at a time.
 
     has_small_faces : whether small ones were seen lately, see `detect_on_schedule`; asked before a frame, when all but
         the `DETECTED_AHEAD` frames before that have been taken.
     """
 
-    glancer = Glancer()
+    detector, glancer = FaceDetector(MIN_FACE_PIXELS, min_score=LIMITS.min_score), Glancer()
 
     def work(frame: Frame, small_faces: bool) -> DetectedFrame:
         rgb = frame.quick_rgb()
-        found = detect_on_schedule(detector, rgb, frame.index, LIMITS.certain_score, small=small_faces)
+        seen, factor = _seen(rgb)  # once for all searches
+        found = detect_on_schedule(detector, seen, frame.index, LIMITS.certain_score, small=small_faces)
         small = cv2.resize(frame.luma, SMALL_SIZE, interpolation=cv2.INTER_AREA)
         is_searched = frame.index % LIMITS.side_interval_frames == 0
-        at_sides = detect_at_sides(detector, rgb) if is_searched else RolledBoxes.none()
-        glimpsed = _glimpsed(glancer, rgb, frame.index, found)
+        at_sides = detect_at_sides(detector, seen) if is_searched else RolledBoxes.none()
+        glimpsed = _glimpsed(glancer, seen, frame.index, found)
+        found, at_sides, glimpsed = (part.scaled(1 / factor) for part in (found, at_sides, glimpsed))
         return DetectedFrame(frame.index, rgb, found, np.asarray(small, np.uint8), at_sides, glimpsed)
 
     with ThreadPoolExecutor(DETECTOR_THREADS) as pool:
@@ -179,6 +181,16 @@ def detect_boxes(
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
+
+
+def _seen(rgb: U8) -> tuple[U8, float]:
+    """A frame as the detector sees it, and how much smaller that is."""
+    height, width = rgb.shape[:2]
+    factor = min(1.0, MIN_FACE_PIXELS / LIMITS.smallest_pixels, LIMITS.longest_pixels / max(height, width))
+    size = (max(1, round(width * factor)), max(1, round(height * factor)))
+    if size == (width, height):
+        return rgb, 1.0
+    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8), factor
 
 
 def _glimpsed(glancer: Glancer, rgb: U8, index: int, found: RolledBoxes) -> RolledBoxes:
@@ -436,6 +448,6 @@ def confirmed(candidates: list[Candidate]) -> list[Candidate]:
 def detect_faces(frames: Iterable[Frame]) -> SegmentFaces:
     """All faces of consecutive frames."""
     tracker = SegmentTracker(BuiltinLandmarker())
-    for frame in detect_boxes(frames, FaceDetector(min_score=LIMITS.min_score), tracker.has_small_faces):
+    for frame in detect_boxes(frames, tracker.has_small_faces):
         tracker.update(frame)
     return tracker.faces()

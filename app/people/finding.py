@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks.builtin import BuiltinLandmarker
-from guise.aam.landmarks.detector import FaceDetector
 from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.plausible import is_plausible_motion
 from guise.aam.recognition import (
@@ -34,7 +33,6 @@ from guise.aam.recognition import (
 )
 from guise.aam.reference import ReferenceFrame
 from guise.app.media import Frame, MediaInput
-from guise.app.people.faces import LIMITS as DETECTION
 from guise.app.people.faces import SMALL_SIZE, CutDetector, SegmentFaces, SegmentTracker, detect_boxes
 from guise.common.arrays import F32, F64, I32, U8, Bool
 from guise.common.files import write_arrays
@@ -186,9 +184,7 @@ def find_people(media: MediaInput, progress: Callable[[float], None] = lambda sh
             yield frame
 
     with one_thread():
-        for detected in detect_boxes(
-            passing(), FaceDetector(min_score=DETECTION.min_score), tracker.has_small_faces
-        ):
+        for detected in detect_boxes(passing(), tracker.has_small_faces):
             tracker.update(detected)
             frame, faces = waiting.pop(detected.index), tracker.present()
             for number, face in faces.items():
