@@ -123,9 +123,7 @@ def detect_on_schedule(
     sure_score : of an upright face.
     small : whether small faces are searched even beside one that is sure; they are in every third picture.
     """
-    size = [max(1, side // 2) for side in image.shape[1::-1]]
-    half = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-    large = detect_at_rolls(detector, half, UPRIGHT).scaled(2)
+    large = detect_at_rolls(detector, halved(image), UPRIGHT).scaled(2)
     sure = large[large.scores >= sure_score]
     count, rest = divmod(index, _TURNED_INTERVAL)
     one = () if rest else (TURNED[count % len(TURNED)],)
@@ -135,6 +133,12 @@ def detect_on_schedule(
     upright = upright[strongest_indices(upright.boxes, upright.scores, 0.0)]
     is_sure = bool((upright.scores >= sure_score).any())
     return upright.and_others(detect_at_rolls(detector, image, one if is_sure else TURNED))
+
+
+def halved(image: U8) -> U8:
+    """A picture at half the size."""
+    size = [max(1, side // 2) for side in image.shape[1::-1]]
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def nearest_quarter(turn: float) -> int:

@@ -26,7 +26,7 @@ from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.detector import MIN_FACE_PIXELS, FaceDetector
 from guise.aam.landmarks.glances import CYCLE, Glancer, is_face, is_surely_face, likeness_through
 from guise.aam.landmarks.heads import region
-from guise.aam.landmarks.rolls import TURNED, UPRIGHT, RolledBoxes, detect_on_schedule, turn_of
+from guise.aam.landmarks.rolls import TURNED, UPRIGHT, RolledBoxes, detect_on_schedule, halved, turn_of
 from guise.aam.landmarks.schemes import COUNT
 from guise.aam.landmarks.sides import detect_at_sides
 from guise.aam.landmarks.tracking import MultiFaceTracker, TrackingLimits
@@ -167,8 +167,10 @@ def detect_boxes(frames: Iterable[Frame], has_small_faces: Callable[[], bool]) -
         seen, factor = _seen(rgb)  # once for all searches
         found = detect_on_schedule(detector, seen, frame.index, LIMITS.certain_score, small=small_faces)
         small = cv2.resize(frame.luma, SMALL_SIZE, interpolation=cv2.INTER_AREA)
-        is_searched = frame.index % LIMITS.side_interval_frames == 0
-        at_sides = detect_at_sides(detector, seen) if is_searched else RolledBoxes.none()
+        at_sides = RolledBoxes.none()
+        if frame.index % LIMITS.side_interval_frames == 0:
+            fine = small_faces or not (found.scores >= LIMITS.certain_score).any()
+            at_sides = detect_at_sides(detector, seen if fine else halved(seen)).scaled(1 if fine else 2)
         glimpsed = _glimpsed(glancer, seen, frame.index, found)
         found, at_sides, glimpsed = (part.scaled(1 / factor) for part in (found, at_sides, glimpsed))
         return DetectedFrame(frame.index, rgb, found, np.asarray(small, np.uint8), at_sides, glimpsed)
