@@ -118,7 +118,7 @@ def test_a_face_is_covered_and_the_report_comes_with_the_video(case: Any, tmp_pa
     videos = case.locator('a[download$=".mp4"]')
     before = videos.count()
     choose(case, "Cover")
-    make(case, f"a covered one is in {FRAMES} frames")
+    make(case, f"covered in {FRAMES} frames")
     assert videos.count() == before + 1
     cells = case.locator("tr", has_text="a face covered").first.locator("td")
     assert cells.all_inner_texts() == ["a face covered", str(FRAMES)]
@@ -247,13 +247,13 @@ def test_videos_and_what_was_made_of_them_are_there_after_a_restart(
     with visit(browser, studio_server, reviewed) as visitor:
         show_faces(visitor)
         choose(visitor, "Cover")
-        make(visitor, "The faces that were found are swapped or covered")
+        make(visitor, "The faces that were found are covered")
     folder = tmp_path / "studio"
     shutil.copytree(studio_server.folder, folder)
     phone = {"viewport": {"width": 390, "height": 844}, "is_mobile": True, "has_touch": True}
     with studio(folder) as server, visit(browser, server, "/deidentify", **phone) as visitor:
         visitor.get_by_role("link", name="party").first.click()
-        visitor.get_by_text("The faces that were found are swapped or covered").first.wait_for()
+        visitor.get_by_text("The faces that were found are covered").first.wait_for()
         show_faces(visitor)
         wide = visitor.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
         assert wide[0] <= wide[1], "nothing is to be moved aside on a phone"
