@@ -93,6 +93,25 @@ def _part(track: Track, first: int, last: int) -> Track:
     )
 
 
+@dataclass(frozen=True)
+class MarkedPlace:
+    """What the user says of a place in some frames.
+
+    Parameters
+    ----------
+    first, last : frames, inclusive.   at : one of them, in which the face's box is `box`; it is followed from there.
+    action : "cover" or "swap" a face that was missed there, or "leave" what is taken for one and is none.
+    cover : number of the cover that it is about; 0 of a box that the user has drawn.
+    """
+
+    first: int
+    last: int
+    at: int
+    box: tuple[float, float, float, float]
+    action: Action
+    cover: int = 0
+
+
 @dataclass(frozen=True, eq=False)
 class TrackOutcome:
     """What was done with a track, a row for each frame in which a region was changed or left.

@@ -212,7 +212,9 @@ def _bystanders(
         return None
     about = (
         f"{len(one.frames):,} detections of faces that were too small, too brief or too unclear to track, or that the "
-        "audit found."
+        "audit found, and boxes of yours."
+        + " What you refused is left."
+        * bool((one.done == DONE.index("left")).any())
     )
     return _card("Bystanders", about, one, report, thumbnails.get(BYSTANDERS, ()))
 

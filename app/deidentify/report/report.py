@@ -117,8 +117,10 @@ def _done(report: FileReport) -> str:
         sentence = "No face is changed."
     if len(covered):
         sentence += f" Covers: {times(report, covered)}."
-    if len(left):
-        sentence += f" A face is left as it is in {counted(len(left), 'frame')}, as you said."
+    if len(faces := frames_with(report, "left", but=BYSTANDERS)):
+        sentence += f" A face is left as it is in {counted(len(faces), 'frame')}, as you said."
+    if len(things := np.setdiff1d(left, faces)):
+        sentence += f" What has no track is left as it is in {counted(len(things), 'frame')}, as you said."
     if len(without := without_face(report)):
         sentence += f" In {counted(len(without), 'frame')} after a face none was found: not verified."
     if report.unclear:
@@ -145,11 +147,11 @@ def unverified(report: FileReport) -> I32:
     return np.union1d(without_face(report), np.array(report.unclear, np.int32)).astype(np.int32)
 
 
-def frames_with(report: FileReport, done: str) -> I32:
-    """The frames, ascending, in which this was done with a face."""
+def frames_with(report: FileReport, done: str, but: int = -1) -> I32:
+    """The frames, ascending, in which this was done with a face.   but : a track that doesn't count."""
     has = np.zeros(report.frames, bool)
     for one in report.outcomes:
-        has[one.frames[one.done == DONE.index(done)]] = True
+        has[one.frames[(one.done == DONE.index(done)) & (one.track != but)]] = True
     return np.flatnonzero(has).astype(np.int32)
 
 

@@ -17,12 +17,16 @@ from numpy.typing import NDArray
 
 from guise.app.deidentify.covers import CoverSpan
 from guise.app.deidentify.options import DeidentifyError
-from guise.app.deidentify.tracks import Track, split_tracks
+from guise.app.deidentify.tracks import MarkedPlace, Track, split_tracks
 from guise.app.swapping.policy import ACTIONS
 from guise.common.files import write_whole
 
 TRACKS_FORMAT = "guise-tracks"
 TRACKS_VERSION = 1
+_TOP = (
+    "format", "version", "input", "fingerprint", "frames", "how_to_edit", "splits", "tracks", "covers", "boxes",
+)  # fmt: skip
+MAX_PIXELS = 1 << 20  # of a coordinate
 EDITABLE = ("action", "donor", "name", "person")
 HOW_TO_EDIT = (
     "A track is one face, tracked through the video; the sheet of pictures beside this file shows each. Change the "
@@ -35,6 +39,11 @@ HOW_TO_EDIT = (
     "name: what you call the person, for your own use; it is in no report.",
     'splits: {"3": [120]} at the top divides track 3, the second part of which begins with frame 120; the parts then '
     "need entries of their own, which the studio writes.",
+    'covers: action "cover" hides what is there; "leave" says that it is no face; "swap" that it is one, which is '
+    "swapped if it can be followed and enrolled. Covers of a track follow the track's action.",
+    'boxes: {"first": 120, "last": 180, "box": [40, 30, 90, 95], "action": "cover"} covers a face that was missed in '
+    'the frames 120 to 180, and follows it from where it is in the frame "at", the first one unless you say so. '
+    "The box, x0 y0 x1 y1 in pixels, goes from brows to chin. action is as in covers.",
     "Do not change anything else. Faces that are not in a track here are covered.",
 )
 
@@ -67,10 +76,10 @@ def write_tracks(
     }
     parts = split_tracks(tracks, splits)
     rows = [_row(track) | {"seconds": _times(track, seconds)} for track in parts]
-    shown = [vars(one) | {"seconds": _times(one, seconds)} for one in covers]
+    shown = [_cover_row(one) | {"seconds": _times(one, seconds)} for one in covers]
     text = (
         json.dumps(head, indent=2, ensure_ascii=False)[:-2] + ',\n  "tracks": [' + _laid_out(rows)
-        + '],\n  "covers": [' + _laid_out(shown) + "]\n}\n"
+        + '],\n  "covers": [' + _laid_out(shown) + '],\n  "boxes": []\n}\n'
     )  # fmt: skip
     # A name that isn't valid Unicode holds lone surrogates, which only JSON escapes can represent.
     write_whole(path, text.encode("utf-8", "backslashreplace"))
@@ -101,6 +110,88 @@ def read_tracks(path: Path, tracks: Sequence[Track], fingerprint: str) -> tuple[
             f"{path}: track {missing[0]} is missing: put it back; to hide the face use action cover"
         )
     return _agreed(path, tracks, [edited[track.number] for track in tracks])
+
+
+def read_places(path: Path, covers: Sequence[CoverSpan], frames: int, fingerprint: str) -> list[MarkedPlace]:
+    """What the user says of covers and of boxes in an edited file.
+
+    covers : of faces that are not tracked.   frames : number of them.
+    Raises DeidentifyError as `read_tracks` does.
+    """
+    value = _loaded(path)
+    _rows(path, value, fingerprint)
+    if more := value.keys() - _TOP:
+        raise DeidentifyError(
+            f"{path}: there is no field {_quoted(min(more))} at the top: {', '.join(_TOP)} are"
+        )
+    lists = [value.get(name, []) for name in ("covers", "boxes")]
+    for name, rows in zip(("covers", "boxes"), lists, strict=True):
+        if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+            raise DeidentifyError(f"{path}: {name} must be a list of objects, got {_quoted(rows)}")
+    known = {one.number: one for one in covers}
+    numbers = [_quoted(row.get("number")) for row in lists[0]]
+    if twice := [number for number in numbers if numbers.count(number) > 1]:
+        raise DeidentifyError(f"{path}: cover {twice[0]} appears twice: delete one of the two")
+    places = [_of_cover(path, row, known) for row in lists[0] if row.get("action", "cover") != "cover"]
+    return places + [_drawn(f"{path}: box {n}", row, frames) for n, row in enumerate(lists[1], 1)]
+
+
+def _of_cover(path: Path, row: dict[str, Any], known: Mapping[int, CoverSpan]) -> MarkedPlace:
+    """What the user says of a cover."""
+    number: Any = row.get("number")
+    action = row["action"]
+    one = known.get(number) if type(number) is int else None
+    if one is None:
+        raise DeidentifyError(
+            f"{path}: cover {_quoted(number)} can't get an action: only those of faces without a track can; "
+            "draw a box for others"
+        )
+    if action not in ACTIONS:
+        raise DeidentifyError(
+            f"{path}: cover {number}: action must be one of {', '.join(ACTIONS)}, got {_quoted(action)}"
+        )
+    fixed = _cover_row(one)
+    for key in fixed.keys() - {"action"}:
+        if row.get(key) != json.loads(json.dumps(fixed[key])):
+            raise DeidentifyError(
+                f"{path}: cover {number}: {key} must not be edited: put it back (it was {_quoted(fixed[key])})"
+            )
+    return MarkedPlace(one.first, one.last, one.shown, one.box, action, number)
+
+
+def _drawn(where: str, row: dict[str, Any], frames: int) -> MarkedPlace:
+    """A box that the user has drawn, checked."""
+    if more := row.keys() - {"first", "last", "at", "box", "action"}:
+        raise DeidentifyError(
+            f"{where}: there is no field {_quoted(min(more))}; a box has first, last, at, box, action"
+        )
+    first: Any = row.get("first")
+    last: Any = row.get("last")
+    at, box, action = row.get("at", first), row.get("box") or [], row.get("action", "cover")
+    if any(type(one) is not int for one in (first, last, at)) or not 0 <= first <= at <= last < frames:
+        raise DeidentifyError(
+            f"{where}: first, at and last must be frames from 0 to {frames - 1}, in this order, "
+            f"got {_quoted([first, at, last])}"
+        )
+    if not _is_box(box):
+        raise DeidentifyError(
+            f"{where}: box must be [x0, y0, x1, y1], left to right and down, got {_quoted(box)}"
+        )
+    if action not in ACTIONS:
+        raise DeidentifyError(f"{where}: action must be one of {', '.join(ACTIONS)}, got {_quoted(action)}")
+    return MarkedPlace(first, last, at, (box[0], box[1], box[2], box[3]), action)
+
+
+def _is_box(box: Any) -> bool:
+    if not isinstance(box, list) or len(box) != 4 or any(type(v) not in (int, float) for v in box):
+        return False
+    finite = all(abs(v) < MAX_PIXELS for v in box)
+    return finite and bool(box[0] + 1 <= box[2] and box[1] + 1 <= box[3])
+
+
+def _cover_row(one: CoverSpan) -> dict[str, Any]:
+    """A cover; only that of a face without a track has an action of its own."""
+    return vars(one) | ({} if one.track else {"action": "cover"})
 
 
 def _splits(path: Path, value: dict[str, Any], tracks: Sequence[Track]) -> dict[int, list[int]]:

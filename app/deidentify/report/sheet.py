@@ -1,4 +1,6 @@
-"""The contact sheet beside NAME.tracks.json, for the reviewer: a card for each track.  RGB uint8 (h, w, 3).
+"""The contact sheet beside NAME.tracks.json, for the reviewer: a card for each track, and each cover of what has none.
+
+RGB uint8 (h, w, 3).
 
 It shows faces of the input, and says so: it is for the reviewer and must not be shared.
 """
@@ -7,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from guise.app.deidentify.covers import CoverSpan
 from guise.app.deidentify.report.report import clock
 from guise.app.deidentify.tracks import Track
 from guise.app.media.pictures import SHEET, Picture, letterboxed
@@ -44,15 +48,19 @@ _NOTE = "Faces of the input, for your review only: do not share this picture."
 
 
 def contact_sheet(
-    thumbnails: Mapping[int, Sequence[Picture]], tracks: Sequence[Track], seconds: NDArray[np.float64]
-) -> Picture:
+    thumbnails: Mapping[int, Sequence[Picture]], tracks: Sequence[Track], seconds: NDArray[np.float64],
+    covers: Mapping[CoverSpan, Picture] = MappingProxyType({}),
+) -> Picture:  # fmt: skip
     """A card for each track: number, person, time, proposed action and reason, confidence over time, pictures.
 
     thumbnails : of each track, in the order of time.   seconds : (frames,) time of each frame.
+    covers : of faces without a track, with a picture of each; as many as there is room for.
     At most about 3100 x 11,000 pixels.
     """
     shown = sorted(sorted(tracks, key=lambda t: -t.seen)[: LAYOUT.max_cards], key=lambda t: t.number)
     cards = [_card(track, thumbnails.get(track.number, ()), seconds) for track in shown]
+    cards += [_cover_card(cover, picture, seconds) for cover, picture in covers.items()]
+    cards = cards[: LAYOUT.max_cards]
     columns = min(LAYOUT.max_columns, -(-len(cards) // LAYOUT.column_cards)) or 1
     rows = -(-len(cards) // columns)
     height, width = (
@@ -98,6 +106,22 @@ def _card(track: Track, thumbnails: Sequence[Picture], seconds: NDArray[np.float
     for place, picture in enumerate(thumbnails[: LAYOUT.thumbnails]):
         x = 2 * LAYOUT.gap + words + place * (side + LAYOUT.gap)
         card[top : top + side, x : x + side] = letterboxed(picture, side, side, SHEET.background)
+    return card
+
+
+def _cover_card(cover: CoverSpan, picture: Picture, seconds: NDArray[np.float64]) -> Picture:
+    card = np.full((LAYOUT.card_height, LAYOUT.card_width, 3), _CARD, np.uint8)
+    card[:, :6] = colour = ACTION_COLOURS["cover"]
+    side = LAYOUT.thumbnail
+    text = card[:, : -side - 2 * LAYOUT.gap]
+    _write(text, f"Cover {cover.number}", (2 * LAYOUT.gap, 28), 20, _INK, weight=600)
+    end = _write(text, _ACTION_LABELS["cover"], (2 * LAYOUT.gap, 49), 15, colour, weight=600)
+    _write(text, cover.reason, (end + 8, 49), 13, _INK)
+    first, last = (clock(float(seconds[frame])) for frame in (cover.first, cover.last))
+    _write(text, f"{first} to {last}", (2 * LAYOUT.gap, 68), 13, _DIM)
+    card[LAYOUT.gap : LAYOUT.gap + side, -LAYOUT.gap - side : -LAYOUT.gap] = letterboxed(
+        picture, side, side, SHEET.background
+    )
     return card
 
 

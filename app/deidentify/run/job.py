@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from guise.app.deidentify.options import DeidentifyError, DeidentifyOptions
+from guise.app.deidentify.run.adding import add_tracks
 from guise.app.deidentify.run.planning import (
+    chosen_places,
     chosen_tracks,
     link_tracks,
     number_people,
@@ -18,7 +20,7 @@ from guise.app.deidentify.run.planning import (
     propose_tracks,
 )
 from guise.app.deidentify.run.results import beside, report_of, write_reports, write_review
-from guise.app.deidentify.stages.case import Case, track_json
+from guise.app.deidentify.stages.case import PLACES, Case, track_json
 from guise.app.deidentify.stages.jobs import Job, result_of
 from guise.app.deidentify.stages.pieces import publish
 from guise.app.deidentify.stages.render import SegmentRenderer, entries_of
@@ -171,6 +173,7 @@ def replanned(folder: Path, tracks: Path, options: DeidentifyOptions) -> Case:
     """A reviewed case with the edited tracks and these options, to look at; what is in its work folder stays so."""
     work = WorkFolder(folder)
     work.save_json(MANIFEST, work.load_json(MANIFEST) | {"options": options.as_json()})
+    work.save_json(PLACES, chosen_places(Case(work), tracks))
     case = Case(work)
     work.save_json("tracks.json", [track_json(track) for track in chosen_tracks(case, tracks)])
     work.save_arrays("plan.npz", **plan_faces(case, case.tracks))
@@ -213,7 +216,11 @@ class _Stages:
 
     def plan(self, edited: Path | None) -> None:
         """The actions of the user, the donors, and what happens to each face in each frame."""
-        case = self.case
+        self._once(PLACES, lambda: chosen_places(self.case, edited))
+        self.case = case = Case(self.case.work)
+        if add_tracks(case):
+            self.case = case = Case(case.work)
+            self.analyse()
         self._once("tracks.json", lambda: [track_json(track) for track in chosen_tracks(case, edited)])
         if not case.work.has("plan.npz"):
             case.work.save_arrays("plan.npz", **plan_faces(case, case.tracks))

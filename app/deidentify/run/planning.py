@@ -19,10 +19,13 @@ from guise.app.deidentify.covers import (
     NO_REASON,
     NOT_ENROLLED,
     UNSURE_FIT,
+    CoverSpan,
+    covers_of,
     numbered,
     rows_of,
 )
-from guise.app.deidentify.report.review import read_tracks
+from guise.app.deidentify.report.review import read_places, read_tracks
+from guise.app.deidentify.run.places import as_chosen
 from guise.app.deidentify.stages.case import Case, LinkedTrack, track_from
 from guise.app.deidentify.stages.people import LIMITS as ENROLMENT
 from guise.app.deidentify.stages.people import why_not
@@ -53,11 +56,12 @@ def link_tracks(case: Case) -> dict[str, Any]:
     tracks = []
     for number, chain in enumerate(chains, start=1):
         rows = [(p, np.flatnonzero(found[p.segment].tracklet == p.number)) for p in chain]
-        tracks.append(_linked_track(number, chain, [(found[p.segment], r) for p, r in rows]))
+        tracks.append(linked_track(number, chain, [(found[p.segment], r) for p, r in rows]))
     return {"cuts": cuts, "tracks": tracks}
 
 
-def _linked_track(number: int, chain: Sequence[Tracklet], rows: Sequence[tuple[Any, Any]]) -> dict[str, Any]:
+def linked_track(number: int, chain: Sequence[Tracklet], rows: Sequence[tuple[Any, Any]]) -> dict[str, Any]:
+    """A track as `LinkedTrack` has it.   chain, rows : its tracklets, and of each the columns and which are its."""
     frames = np.concatenate([one.frame[r] for one, r in rows])
     boxes = np.concatenate([one.box[r] for one, r in rows])
     confidence = np.concatenate([one.confidence[r] for one, r in rows])
@@ -151,14 +155,40 @@ def _curve(track: LinkedTrack, frames: NDArray[np.int32], values: F32) -> tuple[
 def chosen_tracks(case: Case, edited: Path | None) -> list[Track]:
     """The tracks with the user's actions, and donors for those that are swapped."""
     proposed = [track_from(entry) for entry in case.work.load_json("proposed.json")]
-    tracks = proposed
+    count = len(proposed) - len(case.added["tracks"])
+    tracks = proposed[:count]
     if edited is not None:
-        tracks = list(read_tracks(edited, proposed, case.manifest["fingerprint"]))
+        tracks = list(read_tracks(edited, tracks, case.manifest["fingerprint"]))
+    tracks += _renumbered(tracks, proposed[count:])
     origins = {t.number: t.origin for t in tracks}
     donors = _donors(
         case, {t.person: origins[t.person] for t in tracks if t.action == "swap" and not t.donor}
     )
     return [replace(t, donor=t.donor or donors[t.person] if t.action == "swap" else "") for t in tracks]
+
+
+def _renumbered(tracks: Sequence[Track], added: Sequence[Track]) -> list[Track]:
+    """Tracks of faces that the user has pointed at, numbered after the others, some of which may be parts."""
+    first = max((track.number for track in tracks), default=0) + 1
+    return [
+        replace(t, number=n, part_of=t.number, person=n if t.person == t.number else t.person)
+        for n, t in enumerate(added, first)
+    ]
+
+
+def chosen_places(case: Case, edited: Path | None) -> list[dict[str, Any]]:
+    """What the user says of places, as JSON holds it."""
+    if edited is None:
+        return []
+    covers = covers_without_track(case)
+    return [vars(one) for one in read_places(edited, covers, case.scan.frames, case.manifest["fingerprint"])]
+
+
+def covers_without_track(case: Case) -> list[CoverSpan]:
+    """The covers of faces that are not tracked, before the user has said anything of them."""
+    rows = rows_of([bystanders(case)])
+    _leave_outside(case, rows)
+    return covers_of(rows)
 
 
 def _donors(case: Case, people: Mapping[int, int]) -> dict[int, str]:
@@ -176,12 +206,20 @@ def _donors(case: Case, people: Mapping[int, int]) -> dict[int, str]:
 def plan_faces(case: Case, tracks: Sequence[Track]) -> dict[str, NDArray[Any]]:
     """What happens to each face in each frame, in the columns of `guise.app.deidentify.covers`."""
     linked = {one.number: one for one in case.linked}
-    plan = rows_of([*(_rows(case, linked[one.origin], one) for one in tracks), _bystanders(case)])
-    stays = ~case.worked_on[plan["frame"]]
-    plan["done"][stays], plan["reason"][stays], plan["cover"][stays] = LEFT, NO_REASON, 0
+    added = [_observations(case, linked[one["number"]])[0] for one in case.added["tracks"]]
+    tracked = (pair for rows in added for pair in zip(rows.frames.tolist(), rows.boxes, strict=True))
+    others = as_chosen(case, bystanders(case), tracked)
+    plan = rows_of([*(_rows(case, linked[one.origin], one) for one in tracks), *others])
+    _leave_outside(case, plan)
     if case.options.region == "head":
         plan["growth"] *= np.float32(LIMITS.head_growth)
     return plan
+
+
+def _leave_outside(case: Case, rows: dict[str, NDArray[Any]]) -> None:
+    """Have nothing done outside of the part in which faces are hidden."""
+    stays = ~case.worked_on[rows["frame"]]
+    rows["done"][stays], rows["reason"][stays], rows["cover"][stays] = LEFT, NO_REASON, 0
 
 
 def _rows(case: Case, whole: LinkedTrack, track: Track) -> dict[str, NDArray[Any]]:
@@ -201,7 +239,7 @@ def _rows(case: Case, whole: LinkedTrack, track: Track) -> dict[str, NDArray[Any
     return {name: values[mine] for name, values in columns.items()}
 
 
-def _bystanders(case: Case) -> dict[str, NDArray[Any]]:
+def bystanders(case: Case) -> dict[str, NDArray[Any]]:
     """The columns of faces that are not tracked."""
     found = [case.found(k, points=False) for k in range(len(case.scan.segments))]
     seen = Bystanders(

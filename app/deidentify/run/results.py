@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks.heads import region
-from guise.app.deidentify.covers import FOUND, Rows, covers_of, rows_of
+from guise.app.deidentify.covers import FOUND, CoverSpan, Rows, covers_of, rows_of
 from guise.app.deidentify.options import DeidentifyOptions
 from guise.app.deidentify.report.page import write_page
 from guise.app.deidentify.report.report import write_report
@@ -19,11 +19,14 @@ from guise.app.deidentify.report.review import write_tracks
 from guise.app.deidentify.report.sheet import contact_sheet
 from guise.app.deidentify.run.planning import plan_faces
 from guise.app.deidentify.stages.case import Case, track_from
+from guise.app.deidentify.stages.jobs import picture
 from guise.app.deidentify.tracks import BYSTANDERS, AuditFinding, FileReport, TrackOutcome
 from guise.app.media.pictures import save_picture
 from guise.app.swapping.donors import bare
 from guise.app.swapping.policy import COVERED
 from guise.common.files import fitting_name
+
+MAX_COVER_PICTURES = 100
 
 
 def beside(output: Path, suffix: str) -> Path:
@@ -111,9 +114,20 @@ def pictures(case: Case, kind: Literal["pictures", "output"]) -> dict[int, list[
     """The tracks' pictures of the input or of the output, in the order of time."""
     found: dict[int, list[NDArray[np.uint8]]] = {track.number: [] for track in case.linked}
     for k in range(len(case.scan.segments)):
-        for name, picture in case.work.load_arrays(f"{kind}.{k}.npz").items():
-            found.setdefault(int(name.split(".")[0]), []).append(picture)
+        for name, one in case.work.load_arrays(f"{kind}.{k}.npz").items():
+            found.setdefault(int(name.split(".")[0]), []).append(one)
     return found
+
+
+def cover_pictures(case: Case, covers: Sequence[CoverSpan]) -> dict[CoverSpan, NDArray[np.uint8]]:
+    """Pictures of the input of the covers of faces without a track; of the longest ones, if there are many."""
+    longest = sorted((one for one in covers if not one.track), key=lambda one: one.first - one.last)
+    chosen = longest[:MAX_COVER_PICTURES]
+    shown = {}
+    for one in chosen:
+        for frame in case.frames(one.shown, one.shown + 1):
+            shown[one] = picture(frame, np.array(one.box, np.float32), 0.0)
+    return dict(sorted(shown.items(), key=lambda pair: pair[0].number))
 
 
 def write_review(case: Case, output: Path, splits: Mapping[int, Sequence[int]] | None = None) -> None:
@@ -122,12 +136,14 @@ def write_review(case: Case, output: Path, splits: Mapping[int, Sequence[int]] |
     splits : which tracks are split, see `split_tracks`.
     """
     tracks = [track_from(entry) for entry in case.work.load_json("proposed.json")]
+    covers = covers_of(plan_faces(case, tracks))
     table, sheet = beside(output, ".tracks.json"), beside(output, ".tracks.jpg")
     write_tracks(
         table, tracks, input_name=case.manifest["name"], fingerprint=case.manifest["fingerprint"],
-        frames=case.scan.frames, seconds=case.times, covers=covers_of(plan_faces(case, tracks)), splits=splits,
+        frames=case.scan.frames, seconds=case.times, covers=covers, splits=splits,
     )  # fmt: skip
-    save_picture(sheet, contact_sheet(pictures(case, "pictures"), tracks, case.times))
+    shown = cover_pictures(case, covers)
+    save_picture(sheet, contact_sheet(pictures(case, "pictures"), tracks, case.times, shown))
     for path in (table, sheet):
         path.chmod(0o600)
 

@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.landmarks import open_detector
+from guise.aam.landmarks import iou, open_detector
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.detector import MIN_FACE_PIXELS, FaceDetector
 from guise.aam.landmarks.face import BoxDetector
@@ -30,7 +30,7 @@ from guise.aam.landmarks.rolls import RolledBoxes, detect_at_rolls, detect_at_tu
 from guise.aam.landmarks.sides import detect_at_sides
 from guise.app.media import Frame
 from guise.app.people.looks import small_picture
-from guise.app.swapping.policy import COVERED, LEFT, SWAPPED, FaceTreatment
+from guise.app.swapping.policy import COVERED, LEFT, NOBODY, SWAPPED, FaceTreatment
 from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.closing import Closing
 
@@ -63,6 +63,7 @@ class AuditLimits:
     max_unchanged_covered: float = 0.4
     min_shown: int = 128  # of 255, of a pixel of a swapped face, from which it isn't an object's in front
     min_shown_share: float = 0.25  # of a patch; of less nothing is told, so that all of it counts
+    min_thing_iou: float = 0.3  # of a find and of what is no face, as the user says, from which it is that
     max_upside_down_cosine: float = -0.7  # of the turn between a face and what its hair is taken for
 
 
@@ -262,10 +263,10 @@ class Audit(Closing):
     ) -> Iterator[AuditDetection]:
         """What was found in a frame of the original where nothing is done; its negative shows known faces, too."""
         (luma, scale), found = self._kept[index], self._original[index, negative]
-        places = [entry.box for entry in entries if entry.done in (SWAPPED, LEFT)]
+        places = [entry.box for entry in entries if entry.done == SWAPPED]
         covers = [entry.region for entry in entries if entry.done == COVERED]
         for box, score, turn in zip(found.boxes, found.scores, found.turns, strict=True):
-            is_known = any(_inside(box, place) for place in places)
+            is_known = any(_inside(box, place) for place in places) or _is_left(box, entries)
             is_known = is_known or any(_is_hair(box, float(turn), entry) for entry in entries)
             if is_known or share_within(box, covers) > 1 - LIMITS.max_unchanged_covered:
                 continue
@@ -342,10 +343,9 @@ class Audit(Closing):
         """Faces that another way of searching finds in the original or in the result, where both are the same."""
         found = self._original[frame.index, negative].and_others(result).distinct()
         (before, scale), (after, _) = self._kept[frame.index], _small(frame.luma)
-        left = [e.box for e in entries if e.done == LEFT]
         covered = [e.region for e in entries if e.done == COVERED]
         for box, score, turn in zip(found.boxes, found.scores, found.turns, strict=True):
-            if any(_inside(box, place) for place in left):
+            if _is_left(box, entries):
                 continue
             if any(_is_hair(box, float(turn), entry) for entry in entries):
                 continue
@@ -383,6 +383,14 @@ def share_within(box: F32, places: Sequence[F64]) -> float:
         np.logical_and.outer(*(((at > low) & (at < high)).T)) for low, high in np.reshape(places, (-1, 2, 2))
     ]
     return float(np.any(within, axis=0).mean()) if within else 0.0
+
+
+def _is_left(box: F32, entries: Sequence[FaceTreatment]) -> bool:
+    """Whether a find is left as the user wished: it is on a track's face, or just what is no face, and no other's."""
+    on_faces = any(_inside(box, one.box) for one in entries if one.done == LEFT and one.who != NOBODY)
+    things = [one.box for one in entries if one.done == LEFT and one.who == NOBODY]
+    is_thing = any(iou(box, thing) >= LIMITS.min_thing_iou for thing in things)
+    return on_faces or (is_thing and not any(_inside(box, e.box) for e in entries if e.done == SWAPPED))
 
 
 def _is_hair(box: F32, turn: float, entry: FaceTreatment) -> bool:

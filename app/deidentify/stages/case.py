@@ -1,8 +1,8 @@
 """A file that is being de-identified: what its work folder says of it.
 
 Results in the folder: manifest.json, scan.json, detect.K.npz, link.json, person.P.guise or person.P.json (why there is
-none), region.json, gaps.K.npz, fit.K.npz, tracks.json, plan.npz, render.K.packets, output.K.npz, drawn.K.npz and
-render.K.json, for segments K and persons P.
+none), region.json, gaps.K.npz, fit.K.npz, places.json, added.json, added.K.npz, tracks.json, plan.npz,
+render.K.packets, output.K.npz, drawn.K.npz and render.K.json, for segments K and persons P.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from guise.app.deidentify.options import DeidentifyOptions
 from guise.app.deidentify.stages.fit import Fits
 from guise.app.deidentify.stages.gaps import Gaps, unpacked
 from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
-from guise.app.deidentify.tracks import Track
+from guise.app.deidentify.tracks import MarkedPlace, Track
 from guise.app.media import Frame, MediaInput, open_input
 from guise.app.media.problems import ProblemLog
 from guise.app.media.segments import KeptFrames, Scan, read_frames
@@ -34,6 +34,7 @@ from guise.common.memory import free_bytes
 KEPT_BYTES = 200 << 20  # at most, of the frames of a short file
 KEPT_SHARE = 0.25  # at most, of the memory that is free
 KEPT = KeptFrames(lambda: min(KEPT_BYTES, int(KEPT_SHARE * free_bytes())))
+PLACES, ADDED = "places.json", "added.json"
 LEAD_FRAMES = 16  # by which a rendered segment begins after its keyframe, for the light to be measured over
 
 
@@ -106,7 +107,11 @@ class Case:
 
     def found(self, segment: int, *, points: bool = True) -> SegmentFaces:
         """The faces of a segment; without their points, which are most of it, (0, 81, 2) stands for them."""
-        arrays = self.work.load_arrays(f"detect.{segment}.npz", "" if points else "points")
+        but = "" if points else "points"
+        arrays = self.work.load_arrays(f"detect.{segment}.npz", but)
+        if self.work.has(ADDED) and self.work.has(added := f"added.{segment}.npz"):
+            more = self.work.load_arrays(added, but)
+            arrays |= {name: np.concatenate([arrays[name], values]) for name, values in more.items()}
         return SegmentFaces(**{"points": np.zeros((0, 81, 2), np.float32), **arrays})
 
     def fits(self, segment: int) -> Fits:
@@ -125,13 +130,25 @@ class Case:
 
     @cached_property
     def linked(self) -> list[LinkedTrack]:
-        """The tracks as they were linked."""
+        """The tracks as they were linked, then those of faces that the user has pointed at."""
         return [
             LinkedTrack(
                 **entry | {"pieces": tuple(map(tuple, entry["pieces"])), "shown": tuple(entry["shown"])}
             )
-            for entry in self.work.load_json("link.json")["tracks"]
+            for entry in self.work.load_json("link.json")["tracks"] + self.added["tracks"]
         ]
+
+    @cached_property
+    def added(self) -> dict[str, Any]:
+        """Tracks of faces that the user has pointed at, as linked ones, and for which of the places each is."""
+        empty: dict[str, Any] = {"tracks": [], "places": []}
+        return dict(self.work.load_json(ADDED)) if self.work.has(ADDED) else empty
+
+    @cached_property
+    def places(self) -> list[MarkedPlace]:
+        """What the user says of places."""
+        known = self.work.load_json(PLACES) if self.work.has(PLACES) else []
+        return [MarkedPlace(**entry | {"box": tuple(entry["box"])}) for entry in known]
 
     def has_enrolled(self, track: int) -> bool:
         """Whether somebody was enrolled from a track."""
