@@ -5,6 +5,7 @@ import json
 import shutil
 from collections.abc import Callable
 from dataclasses import asdict
+from itertools import islice
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -13,6 +14,7 @@ import av
 import numpy as np
 import pytest
 from clips import cut, empty_scene, pictures
+from made_up import SAMPLES
 from studio_browser import (  # noqa: F401
     StudioServer,
     browser,
@@ -25,7 +27,16 @@ from studio_browser import (  # noqa: F401
 from guise.aam.landmarks.detector import FaceDetector
 from guise.app.media import MediaError
 from guise.app.studio.deidentify_editor import timeline
-from guise.app.studio.deidentify_jobs import DeidentifyChoices, preview, read_tracks, render, review, split
+from guise.app.studio.deidentify_jobs import (
+    TRACKS,
+    DeidentifyChoices,
+    preview,
+    read_tracks,
+    render,
+    review,
+    split,
+    write_edited,
+)
 from guise.app.studio.jobs import with_user_names
 from guise.app.studio.store import StudioError
 from guise.common.progress import silent
@@ -269,6 +280,44 @@ def test_videos_and_what_was_made_of_them_are_there_after_a_restart(
         assert list((folder / "jobs").rglob("out.mp4")) == list((folder / "jobs" / id).glob("*")) == []
 
 
+def glimpse(path: Path) -> Path:
+    """A video in which somebody is seen in two frames only, too few for a track."""
+    with av.open(str(SAMPLES / "p01" / "talk.mp4")) as source:
+        faces = [frame.to_ndarray(format="rgb24") for frame in islice(source.decode(video=0), 2)]
+    empty = np.full_like(faces[0], 120)
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("libx264", 30, {"crf": "16"})
+        stream.height, stream.width = empty.shape[:2]
+        stream.pix_fmt = "yuv420p"
+        for picture in [*[empty] * 6, *faces, *[empty] * 6]:
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, "rgb24")))
+        out.mux(stream.encode(None))
+    return path
+
+
+def test_a_cover_is_refused_a_box_is_drawn_and_the_report_says_both(
+    page: Any,  # noqa: F811
+    studio_server: StudioServer,  # noqa: F811
+    tmp_path: Path,
+) -> None:
+    page.goto(studio_server.url("/deidentify"))
+    upload(page, glimpse(tmp_path / "glimpse.mp4"))
+    card = page.locator(".q-card", has_text="Cover 1").last
+    card.get_by_role("img", name="What cover 1 hides").wait_for()
+    card.get_by_role("button", name="Not a face").click()
+    page.get_by_text("1 place stays as it is, as you said that there is no face.").wait_for()
+    stage = page.get_by_role("group", name="A frame before and after")
+    stage.hover(position={"x": 60, "y": 300})
+    page.mouse.down()
+    stage.hover(position={"x": 200, "y": 420})
+    page.mouse.up()
+    page.get_by_role("button", name="Cover it").click()
+    page.get_by_text("Covered: frames 6 to 13, box").wait_for()
+    make(page, "The faces that were found are covered in 8 frames.")
+    page.get_by_text("What has no track is left as it is in 2 frames, as you said.").first.wait_for()
+    delete(page)
+
+
 # -- the work -------------------------------------------------------------------------------------------------
 
 
@@ -326,6 +375,25 @@ def test_a_track_is_split_and_its_parts_get_what_is_chosen_for_each(
     assert min(changed[0], changed[2]) > 30
     done = render(work | {"found": str(folder), "choices": asdict(choices)}, tmp_path, silent)
     assert done["counts"] == {"swapped": FRAMES - 8, "covered": 0, "left": 8, "without face": 0}
+
+
+def test_a_review_of_the_command_line_goes_on_here_and_its_file_is_kept_up_to_date(
+    work: dict[str, Any], tmp_path: Path
+) -> None:
+    found, source = Path(work["found"]), work["source"]
+    (folder := tmp_path / "here").mkdir()
+    about = {"source": source, "name": "Party", "reviewed": str(found / work["output"])}
+    assert review(about, folder, silent)["frames"] == FRAMES
+    choices = DeidentifyChoices.load(folder)
+    choices.actions["1"], choices.boxes = "cover", [{"first": 1, "last": 2, "box": [5, 5, 50, 60]}]
+    write_edited(folder, choices, tmp_path / "party.tracks.json")
+    value, before = (
+        json.loads(path.read_text()) for path in (tmp_path / "party.tracks.json", found / TRACKS)
+    )
+    assert (value["tracks"][0]["action"], value["boxes"]) == ("cover", choices.boxes)
+    assert value["fingerprint"] == before["fingerprint"]
+    with pytest.raises(StudioError, match="run guise deidentify --review again"):
+        review(about | {"reviewed": str(tmp_path / "gone.mp4")}, folder, silent)
 
 
 def test_a_deleted_review_is_said(work: dict[str, Any], tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from guise.app.deidentify.report.report import BatchEntry
     from guise.app.deidentify.run.batch import BatchRun
     from guise.app.deidentify.run.inputs import FilePair
+    from guise.app.studio.site import Studio
 
 WORK = "guise-work"
 OPTIONS = (
@@ -48,6 +49,9 @@ Review = Annotated[
         "--review",
         help="Stop before rendering, and write NAME.tracks.json to edit and NAME.tracks.jpg to look at.",
     ),
+]
+Open = Annotated[
+    bool, typer.Option("--open", help="With --review: open the studio on what was found, to decide there.")
 ]
 Tracks = Annotated[
     Path | None, typer.Option(metavar="NAME.tracks.json", help="The edited tracks of a review.")
@@ -83,6 +87,7 @@ def deidentify(
     options: Annotated[DeidentifyOptions, Part(DeidentifyOptions, OPTIONS)],
     c2pa: C2pa = None,
     review: Review = False,
+    open: Open = False,
     tracks: Tracks = None,
     resume: Resume = False,
     engine: EngineName = "local",
@@ -105,12 +110,33 @@ def deidentify(
         inputs, output, work, lambda path: suffix_for(path, encoding.encoder), recursive=recursive
     )
     _check_tracks(tracks, review, plan.pairs)
+    _check_open(open, review, plan.pairs)
     options = checked(options, [pair.output for pair in plan.pairs])
     for note in plan.notes:
         console.note(note)
     require_possible(plan.pairs, force=force, resume=resume)
     with open_engine(engine, workers) as opened:
-        return _run(console, plan.pairs, BatchRun(options, opened, resume, force, review, tracks))
+        code = _run(console, plan.pairs, BatchRun(options, opened, resume, force, review, tracks))
+    if open and not code:
+        _open_studio(console, plan.pairs[0])
+    return code
+
+
+def _check_open(open: bool, review: bool, pairs: Sequence[FilePair]) -> None:
+    if open and not (review and len(pairs) == 1 and not pairs[0].fetch):
+        raise typer.BadParameter("--open goes with --review and a single video of this computer")
+
+
+def _open_studio(console: Console, pair: FilePair) -> None:
+    """Have the user decide in the browser; what they say is also in the file of tracks."""
+    from guise.app.cli.studio import run_studio
+
+    def begin(studio: Studio) -> str:
+        from guise.app.studio.deidentify import begin_reviewed
+
+        return begin_reviewed(studio, pair.input, pair.output)
+
+    run_studio(console, 0, begin=begin)
 
 
 def _check_tracks(tracks: Path | None, review: bool, pairs: Sequence[FilePair]) -> None:

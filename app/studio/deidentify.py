@@ -5,12 +5,18 @@ See `guise.app.studio.videos`; the kinds of jobs are "deidentify-review" and "de
 
 from __future__ import annotations
 
+from functools import partial
+from pathlib import Path
+from typing import Any
+
 from nicegui import ui
 
 from guise.app.deidentify.report.page import COUNTS, HEADLINES
+from guise.app.deidentify.run.results import beside
+from guise.app.studio.cover_editor import VIEWS, about, picture_of_cover
 from guise.app.studio.deidentify_editor import ACTIONS, COVERS, REGIONS, SOUNDS, TrackEditor
 from guise.app.studio.deidentify_jobs import REPORTS, DeidentifyChoices, download_name, render, review
-from guise.app.studio.site import Studio, choice_row, heading, page
+from guise.app.studio.site import Studio, choice_row, heading, page, script
 from guise.app.studio.store import JobRow, Upload
 from guise.app.studio.uploads import CONFIDENTIAL
 from guise.app.studio.videos import (
@@ -59,6 +65,15 @@ def begin(studio: Studio, clip: Upload) -> None:
     begin_video(studio, WORK, clip)
 
 
+def begin_reviewed(studio: Studio, source: Path, output: Path) -> str:
+    """Begin with a video of which a review was made on the command line; its page."""
+    about = {
+        "source": str(source.absolute()), "name": source.stem, "files": {str(source.absolute()): source.name},
+        "reviewed": str(output.absolute()), "tracks": str(beside(output.absolute(), ".tracks.json")),
+    }  # fmt: skip
+    return f"{PATH}/{studio.jobs.start(WORK.find, about)}"
+
+
 def _list(studio: Studio) -> None:
     videos = VideoList(
         studio, WORK, lambda job: str(job.result["sentence"]), lambda: _for_all(studio, videos)
@@ -105,13 +120,18 @@ class _ReviewPage(VideoPage):
 
     work = WORK
 
+    def build(self) -> None:
+        script("boxes.js")  # in a page that is still being built
+        super().build()
+
     def choices(self) -> None:
         with (
             ui.expansion("Faces", icon="groups", value=not self.made)
             .classes("w-full")
             .props('header-class="text-h6"')
         ):
-            TrackEditor(self.studio, self.job, self._render).build()
+            self._editor = TrackEditor(self.studio, self.job, self._render)
+            self._editor.build()
 
     def _render(self, choices: DeidentifyChoices) -> None:
         _render(self.studio, self.job, choices)
@@ -132,6 +152,7 @@ class _ReviewPage(VideoPage):
                 ui.label(_chosen(DeidentifyChoices(**job.about["choices"]))).classes("opacity-70")
                 for problem in job.result["problems"]:
                     ui.label(problem)
+        self._finds(folder, job.result.get("covers", []))
         with ui.row():
             words = {"video": output, "report (HTML)": REPORTS[0], "report (JSON)": REPORTS[1]}
             name = job.about["name"]
@@ -141,6 +162,32 @@ class _ReviewPage(VideoPage):
             )
             ui.link("Open the report", self.studio.url(folder / REPORTS[0]), new_tab=True)
         ui.label(CAVEATS).classes("opacity-70")
+
+    def _finds(self, folder: Path, covers: list[dict[str, Any]]) -> None:
+        """What the audit found and covered, which the user may say something of for the next rendering."""
+        if not covers:
+            return
+        with ui.expansion(f"Covered because the audit found it: {len(covers)}", icon="visibility").classes(
+            "w-full"
+        ):
+            ui.label("Say what is no face, or is one that could be swapped, then render again.")
+            for cover in covers:
+                with ui.row().classes("w-full items-center"):
+                    picture_of_cover(self.studio, folder, cover)
+                    ui.label(about(cover)).classes("grow")
+                    for action in ("leave", "swap"):
+                        button = ui.button(VIEWS[action], on_click=partial(self._say, cover, action))
+                        button.props("outline").props["aria-label"] = (
+                            f"Cover {cover['number']}: {VIEWS[action]}"
+                        )
+
+    async def _say(self, cover: dict[str, Any], action: str) -> None:
+        place = {key: cover[key] for key in ("first", "last", "box")} | {
+            "at": cover["shown"],
+            "action": action,
+        }
+        await self._editor.covers.say(place)
+        ui.notify("Noted under Faces: render again.")
 
 
 def _counts(counts: dict[str, int]) -> None:

@@ -14,7 +14,16 @@ from guise.app.deidentify.report.quality import track_quality
 from guise.app.deidentify.report.report import clock
 from guise.app.deidentify.report.sheet import ACTION_COLOURS
 from guise.app.deidentify.report.timeline import confidence_svg
-from guise.app.studio.deidentify_jobs import DeidentifyChoices, preview, read_tracks, split, thumbnail
+from guise.app.media import open_input
+from guise.app.studio.cover_editor import CoverEditor
+from guise.app.studio.deidentify_jobs import (
+    DeidentifyChoices,
+    preview,
+    read_tracks,
+    split,
+    thumbnail,
+    write_edited,
+)
 from guise.app.studio.dialogs import confirm, submitted
 from guise.app.studio.portraits import Portraits
 from guise.app.studio.site import Studio, choice_row
@@ -22,6 +31,7 @@ from guise.app.studio.store import JobRow
 from guise.app.studio.videos import PREVIEW_WIDTH_PIXELS, FrameComparison, title
 from guise.app.swapping.cover import STRENGTHS
 from guise.common.arrays import U8
+from guise.common.text import counted
 
 TRACKS_PER_PAGE = 20
 ANY_DONOR = "any fictional person"
@@ -30,8 +40,8 @@ COVERS = {"solid": "Solid", "mosaic": "Mosaic", "blur": "Blur", "emoji": "Smiley
 SOUNDS = {"keep": "Keep", "drop": "Drop", "mask": "Lower voices", "disguise": "Whisper"}
 REGIONS = {"face": "Face", "head": "Head"}
 HINT = (
-    "The bar shows when a face is seen in the video; its height is the confidence of the detection. Faces that are "
-    "not listed here are covered."
+    "The bar shows when a face is seen in the video; its height is the confidence of the detection. Faces without a "
+    "track are covered; they are listed below."
 )
 
 
@@ -51,6 +61,13 @@ class TrackEditor:
         self._choices = self._load()
         self._page = 1
         self._frame: FrameComparison | None = None
+        with open_input(Path(job.about["source"])) as media:
+            size = media.width, media.height
+        covers = [cover for cover in value.get("covers", []) if not cover["track"]]
+        self.covers = CoverEditor(
+            studio, self._folder, covers, self._choices, size=size, last=self._frames - 1, frame=self._shown,
+            saved=self._save,
+        )  # fmt: skip
 
     def build(self) -> None:
         """Tracks, settings, and the button that starts the rendering."""
@@ -61,8 +78,10 @@ class TrackEditor:
         pages = -(-len(self._tracks) // TRACKS_PER_PAGE)
         if pages > 1:
             ui.pagination(1, pages, direction_links=True, on_change=lambda event: self._turn(event.value))
+        self.covers.build_covers()
         self._settings()
-        self._frame = FrameComparison(self._draw, self._frames - 1, self._first())
+        self._frame = FrameComparison(self._draw, self._frames - 1, self._first(), self.covers.drawn)
+        self.covers.build_boxes()
         self._exposed()
         ui.button("Render", icon="movie", on_click=lambda: self._render(self._choices))
 
@@ -72,9 +91,16 @@ class TrackEditor:
         choices.donors = {k: spec if spec in self._faces else "" for k, spec in choices.donors.items()}
         return choices
 
+    def _shown(self) -> int:
+        """The frame that is shown."""
+        return self._frame.frame if self._frame is not None else 0
+
     async def _save(self) -> None:
-        """Save the choices and draw the frame anew."""
+        """Save the choices, also for the command line if the review began there, and draw the frame anew."""
         self._choices.save(self._folder)
+        if tracks := self._job.about.get("tracks"):
+            write_edited(self._folder, self._choices, Path(tracks))
+        self._exposed.refresh()
         if self._frame is not None:
             await self._frame.update()
 
@@ -83,8 +109,9 @@ class TrackEditor:
         return preview(source, self._folder, self._choices, output, frame, PREVIEW_WIDTH_PIXELS)
 
     def _first(self) -> int:
-        """A frame to show first: in the middle of the longest track."""
-        longest = max(self._tracks, key=lambda track: track["seen"], default={"frames": [0, 0]})
+        """A frame to show first: in the middle of the longest track, or the clearest one of the first cover."""
+        shown = next(([cover["shown"]] * 2 for cover in self.covers.covers), [0, 0])
+        longest = max(self._tracks, key=lambda track: track["seen"], default={"frames": shown})
         return int(sum(longest["frames"]) // 2)
 
     def _turn(self, page: int) -> None:
@@ -163,9 +190,9 @@ class TrackEditor:
                 who.on_value_change(partial(self._merge, number)).props("dense outlined").classes("w-32")
 
     async def _split(self, number: int) -> None:
-        assert self._frame is not None
-        output, frame = self._job.result["output"], self._frame.frame
+        output, frame = self._job.result["output"], self._shown()
         self._choices = await asyncio.to_thread(split, self._folder, output, self._choices, number, frame)
+        self.covers.choices = self._choices
         self._tracks = read_tracks(self._folder)["tracks"]
         self._people.refresh()
 
@@ -187,7 +214,6 @@ class TrackEditor:
                 return
             actions[number] = action
             changed()
-            self._exposed.refresh()
             await self._save()
 
         possible = {k: word for k, word in ACTIONS.items() if k != "swap" or track["can_swap"]}
@@ -230,6 +256,12 @@ class TrackEditor:
                 "1 track will show the real face" if left == 1 else f"{left} tracks will show the real faces"
             )
             ui.label(f"{words}, recognisable to anyone.").classes("text-negative text-bold").props(
+                'role="status"'
+            )
+        said = [*self._choices.covers.values(), *(box["action"] for box in self._choices.boxes)]
+        if things := said.count("leave"):
+            words = f"{counted(things, 'place')} stay as they are" if things > 1 else "1 place stays as it is"
+            ui.label(f"{words}, as you said that there is no face.").classes("text-bold").props(
                 'role="status"'
             )
 

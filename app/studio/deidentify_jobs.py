@@ -14,14 +14,16 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from guise.app.deidentify.covers import FOUND, REASONS, CoverSpan
 from guise.app.deidentify.options import Audio, DeidentifyOptions, Region
 from guise.app.deidentify.report.quality import track_quality
 from guise.app.deidentify.report.report import outcome, verdict
 from guise.app.deidentify.run.job import deidentify_file, draw_frames, replanned, work_folder
+from guise.app.deidentify.run.planning import covers_without_track
 from guise.app.deidentify.run.registry import open_engine
-from guise.app.deidentify.run.results import pictures, write_review
+from guise.app.deidentify.run.results import cover_pictures, pictures, write_review
 from guise.app.deidentify.stages.case import Case
-from guise.app.deidentify.stages.work import WorkFolder
+from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
 from guise.app.deidentify.tracks import Track
 from guise.app.media.pictures import save_picture
 from guise.app.media.stream_copies import suffix_for
@@ -35,6 +37,7 @@ from guise.common.progress import Progress, mute
 STEM = "out"
 TRACKS = f"{STEM}.tracks.json"
 CHOICES = "choices.json"
+SHARED = ("cover", "cover_strength", "alpha", "audio", "region")  # options that are chosen on the page
 REPORTS = (f"{STEM}.report.html", f"{STEM}.report.json")
 
 
@@ -46,6 +49,7 @@ class DeidentifyChoices:
     ----------
     actions : by track.   donors : by person; "" lets Guise choose.  Keys are numbers as text, as in JSON.
     people : by track, whose it is, where the user has changed that.   names : by person.
+    covers : by cover of a face without a track, what is there.   boxes : that the user drew, as in the file TRACKS.
     cover, cover_strength, alpha, audio, region : as in `guise.app.deidentify.options.Options`.
     """
 
@@ -58,6 +62,8 @@ class DeidentifyChoices:
     region: Region = DeidentifyOptions().region
     people: dict[str, int] = field(default_factory=dict)
     names: dict[str, str] = field(default_factory=dict)
+    covers: dict[str, Action] = field(default_factory=dict)
+    boxes: list[dict[str, Any]] = field(default_factory=list)
 
     @classmethod
     def proposed(cls, tracks: list[dict[str, Any]]) -> DeidentifyChoices:
@@ -83,8 +89,13 @@ class DeidentifyChoices:
 
     def options(self) -> DeidentifyOptions:
         """As `deidentify_file` takes them."""
-        names = ("cover", "cover_strength", "alpha", "audio", "region")
-        return DeidentifyOptions(**{name: getattr(self, name) for name in names})
+        return DeidentifyOptions(**{name: getattr(self, name) for name in SHARED})
+
+
+def write_edited(folder: Path, choices: DeidentifyChoices, tracks: Path) -> None:
+    """Write the choices to the file of tracks that the command line reads."""
+    write_whole(tracks, _edited(folder, choices))
+    tracks.chmod(0o600)
 
 
 def read_tracks(folder: Path) -> dict[str, Any]:
@@ -96,15 +107,22 @@ def read_tracks(folder: Path) -> dict[str, Any]:
 def review(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
     """Find the faces of a clip and propose what to do with them.
 
-    about : source, the clip's path.
+    about : source, the clip's path; reviewed, the output of which a review was made on the command line, if one was.
     Returns the output's file name, the time of the last frame, the number of frames, and the frames of the pictures of
     each track.
     """
     source = Path(about["source"])
     output = folder / (STEM + suffix_for(source, DeidentifyOptions().encode.encoder))
+    reviewed = about.get("reviewed")
+    options = _take_over(Path(reviewed), output) if reviewed else DeidentifyOptions()
     with open_engine("local") as engine:
-        deidentify_file(source, output, DeidentifyOptions(), engine, review=True, progress=progress, say=mute)
+        deidentify_file(
+            source, output, options, engine, resume=bool(reviewed), review=True, progress=progress, say=mute
+        )
+    taken = {name: getattr(options, name) for name in SHARED}
+    replace(DeidentifyChoices.load(folder), **taken).save(folder)
     case = Case(WorkFolder(work_folder(output)))
+    save_covers(case, covers_without_track(case), folder)
     shown = pictures(case, "pictures")
     for track, some in shown.items():
         for place, picture in enumerate(some):
@@ -116,12 +134,35 @@ def review(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
     }  # fmt: skip
 
 
+def _take_over(reviewed: Path, output: Path) -> DeidentifyOptions:
+    """Copy what a review on the command line has found; its options."""
+    if not work_folder(reviewed).exists():
+        raise StudioError(f"{work_folder(reviewed)} is gone: run guise deidentify --review again")
+    shutil.copytree(work_folder(reviewed), work_folder(output))
+    work = WorkFolder(work_folder(output))
+    manifest = work.load_json(MANIFEST)
+    work.save_json(MANIFEST, manifest | {"output": output.name})
+    return DeidentifyOptions(**{name: manifest["options"][name] for name in SHARED})
+
+
+def save_covers(case: Case, covers: Sequence[CoverSpan], folder: Path) -> None:
+    """Pictures of what some covers hide."""
+    for cover, picture in cover_pictures(case, covers).items():
+        save_picture(folder / cover_picture(cover.number), picture)
+
+
+def cover_picture(number: int) -> str:
+    """File name of the picture of what a cover hides."""
+    return f"cover.{number}.jpg"
+
+
 def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
     """Render a reviewed clip.
 
     about : source and name as for the review; found, its folder; output, its file name; choices, see
         `DeidentifyChoices`.
-    Returns outcome, sentence, counts and problems of the report, and which tracks are not swapped well.
+    Returns outcome, sentence, counts and problems of the report, which tracks are not swapped well, and the covers of
+    what the audit found.
     """
     source, output, before = Path(about["source"]), folder / about["output"], Path(about["found"])
     choices = DeidentifyChoices(**about["choices"])
@@ -135,9 +176,13 @@ def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
             source, output, choices.options(), engine, resume=True, names=names, progress=progress, say=mute
         )
     assert report is not None
+    found = [one for one in report.covers if one.reason == REASONS[FOUND]]
+    save_covers(Case(WorkFolder(work_folder(before / output.name))), found, folder)
+    times = [[float(report.seconds[frame]) for frame in (one.first, one.last)] for one in found]
     return {
         "outcome": outcome(report), "sentence": verdict(report), "counts": report.counts,
         "problems": list(report.problems), "doubts": doubts(report.tracks),
+        "covers": [vars(one) | {"seconds": both} for one, both in zip(found, times, strict=True)],
     }  # fmt: skip
 
 
@@ -233,4 +278,7 @@ def _edited(review: Path, choices: DeidentifyChoices) -> str:
             "person": person,
             "name": name,
         }
-    return json.dumps(value)
+    for cover in value.get("covers", []):
+        if str(cover["number"]) in choices.covers:
+            cover["action"] = choices.covers[str(cover["number"])]
+    return json.dumps(value | {"boxes": choices.boxes})

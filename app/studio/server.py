@@ -29,11 +29,14 @@ PAGE_LIFETIME_SECONDS = (
 PAGES = (start, live, swap, people, landmarks, deidentify, analogy)
 
 
-def serve(folder: Path, port: int, limit: int, announce: Callable[[str], None]) -> None:
+def serve(
+    folder: Path, port: int, limit: int, announce: Callable[[str], None],
+    begin: Callable[[Studio], str] = lambda studio: "/",
+) -> None:  # fmt: skip
     """Run the studio until it is interrupted.
 
     folder : for everything it keeps.   port : 0 for any.   limit : bytes of an upload.
-    announce : called with the address once the server answers.
+    announce : called with the address once the server answers.   begin : gives the page of that address.
     Raises StudioError when the folder or the port is in use.
     """
     with _listen(port) as listener:
@@ -41,8 +44,10 @@ def serve(folder: Path, port: int, limit: int, announce: Callable[[str], None]) 
         tempfile.tempdir = str(store.incoming)
         jobs = JobQueue(store)
         token, port = secrets.token_urlsafe(24), listener.getsockname()[1]
-        guard = RequestGuard(_site(Studio(store, jobs, limit)), token, f"guise_{port}", limit)
-        nicegui_app.on_startup(lambda: announce(f"http://{HOST}:{port}/?token={token}"))
+        studio = Studio(store, jobs, limit)
+        guard = RequestGuard(_site(studio), token, f"guise_{port}", limit)
+        first = begin(studio)
+        nicegui_app.on_startup(lambda: announce(f"http://{HOST}:{port}{first}?token={token}"))
         try:
             jobs.open()
             _run(guard, listener)

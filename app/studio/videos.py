@@ -269,11 +269,14 @@ class VideoPage:
                     self.result(job)
 
     async def _delete(self) -> None:
-        is_clip = Path(self.job.about["source"]).name in {
-            clip.path.name for clip in self.studio.store.clips()
-        }
-        kept, gone = "The video itself is kept, on the page People.", "The uploaded video is deleted, too."
-        video = kept if is_clip else f"{gone} This cannot be undone."
+        store, source = self.studio.store, Path(self.job.about["source"]).name
+        is_clip, is_upload = (
+            source in {one.path.name for one in store.uploads(kind.name)}
+            for kind in (CLIPS, self.work.uploads)
+        )
+        video = "The video itself is kept, on the page People." if is_clip else "The video itself is kept."
+        if is_upload and not is_clip:
+            video = "The uploaded video is deleted, too. This cannot be undone."
         question = f"Delete what was found in this video and all its renderings? {video}"
         if await confirm(question, "Delete", "Keep"):
             delete(self.studio, self.work, self.job.id)
@@ -286,9 +289,12 @@ class FrameComparison:
     Parameters
     ----------
     draw : draws a frame.   last, first : numbers of the last frame, and of the one that is shown first.
+    boxed : called with a box that the user draws, x0 y0 x1 y1 as shares of width and height; None: nothing is drawn.
     """
 
-    def __init__(self, draw: Draw, last: int, first: int = 0) -> None:
+    def __init__(
+        self, draw: Draw, last: int, first: int = 0, boxed: Callable[[list[float]], None] | None = None
+    ) -> None:
         self._draw = draw
         self._wanted = 0  # counts the changes that a frame is wanted for
         self._busy = asyncio.Lock()
@@ -298,6 +304,12 @@ class FrameComparison:
             self._after = ui.element("img").classes("w-full block absolute top-0 left-0").props('alt="After"')
             self._after.style("clip-path: inset(0 0 0 30%)")
             border = ui.element("div").classes("border-between").style("left: 30%")
+            if boxed is not None:
+                stage.classes("box-stage")
+                stage.on("pointerdown", js_handler="(e) => guiseBoxes.begin(e)")
+                stage.on("pointermove", js_handler="(e) => guiseBoxes.move(e)")
+                said = "(e) => { const box = guiseBoxes.end(e); if (box) emit(box); }"
+                stage.on("pointerup", lambda event: boxed(event.args), js_handler=said)
         with ui.row().classes("w-full items-center no-wrap"):
             ui.label("Before and after").classes("w-32 shrink-0")
             share = ui.slider(min=0, max=100, value=30).props('aria-label="Share of the frame before"')
