@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -25,13 +25,16 @@ class GlanceLimits:
 
     longest_pixels: tuple[tuple[int, ...], ...] = ((320, 160, 80, 40), (452, 226, 113, 56))  # sides, in turn
     max_share: float = 0.8  # of the picture's longer side
-    kernel_pixels: int = 5  # of what closes and opens
+    filled_finer: int = 2  # a picture is filled at a size larger by this than that in which it is searched,
+    kernel_pixels: int = 9  # by a square of this side
     judged_face_pixels: int = 40  # of a face in a filled picture in which it is judged
     margin_faces: float = 1.5  # about a face, what is filled with it
     min_score: float = 0.4  # of the detector
     score_weight: float = 3.0  # of its logit beside the landmarker's:
     min_sum: float = 4.0  # from which it may be a face,
     sure_sum: float = 7.0  # and surely is one
+    likely_score: float = 0.8  # from which it may be one whatever the landmarker says,
+    certain_score: float = 0.9  # and surely is: it was not shown patterns
 
 
 LIMITS = GlanceLimits()
@@ -79,12 +82,12 @@ def likeness_through(judge: LikenessJudge, rgb: U8, box: F32, turn: float) -> fl
 
 def is_face(score: float, likeness: float) -> bool:
     """Whether detector and landmarker together say that a box seen at a glance may be a face's."""
-    return _sum(score, likeness) >= LIMITS.min_sum
+    return score >= LIMITS.likely_score or _sum(score, likeness) >= LIMITS.min_sum
 
 
 def is_surely_face(score: float, likeness: float) -> bool:
     """Whether they say that it is."""
-    return _sum(score, likeness) >= LIMITS.sure_sum
+    return score >= LIMITS.certain_score or _sum(score, likeness) >= LIMITS.sure_sum
 
 
 def _sum(score: float, likeness: float) -> float:
@@ -94,9 +97,11 @@ def _sum(score: float, likeness: float) -> float:
 
 def filled(image: U8, factor: float, fill: int) -> U8:
     """A picture made smaller by a factor and filled in one of the ways."""
-    size = [max(1, round(side * factor)) for side in image.shape[1::-1]]
-    small: Any = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    how = _FILLS[fill]
+    how, size = _FILLS[fill], [max(1, round(side * factor)) for side in image.shape[1::-1]]
     if how is not None:
-        small = cv2.morphologyEx(small, how, np.ones((LIMITS.kernel_pixels,) * 2, np.uint8))
-    return np.asarray(small, np.uint8)
+        if LIMITS.filled_finer * factor < 1:
+            finer = [LIMITS.filled_finer * side for side in size]
+            image = np.asarray(cv2.resize(image, finer, interpolation=cv2.INTER_AREA), np.uint8)
+        kernel = np.ones((LIMITS.kernel_pixels,) * 2, np.uint8)
+        image = np.asarray(cv2.morphologyEx(image, how, kernel), np.uint8)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)

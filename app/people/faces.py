@@ -171,8 +171,8 @@ def detect_boxes(frames: Iterable[Frame], has_small_faces: Callable[[], bool]) -
         if frame.index % LIMITS.side_interval_frames == 0:
             fine = small_faces or not (found.scores >= LIMITS.certain_score).any()
             at_sides = detect_at_sides(detector, seen if fine else halved(seen)).scaled(1 if fine else 2)
-        glimpsed = _glimpsed(glancer, seen, frame.index, found)
-        found, at_sides, glimpsed = (part.scaled(1 / factor) for part in (found, at_sides, glimpsed))
+        found, at_sides = found.scaled(1 / factor), at_sides.scaled(1 / factor)
+        glimpsed = _glimpsed(glancer, rgb, frame.index, found)
         return DetectedFrame(frame.index, rgb, found, np.asarray(small, np.uint8), at_sides, glimpsed)
 
     with ThreadPoolExecutor(DETECTOR_THREADS) as pool:
@@ -346,7 +346,8 @@ class SegmentTracker:
         for box, score, turn in zip(
             glimpsed.boxes, glimpsed.scores.tolist(), glimpsed.turns.tolist(), strict=True
         ):
-            if self._is_on_known(box, score, turn) or any(_belongs(box, one.box) for one in others):
+            is_other = any(iou(box, one.box) > TRACKING.min_match_iou for one in others)
+            if is_other or self._is_on_known(box, score, turn):
                 continue
             likeness = likeness_through(self._looks, frame.rgb, box, turn)
             if not is_face(score, likeness):
