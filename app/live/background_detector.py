@@ -1,7 +1,8 @@
 """Face detection in a thread beside the tracker: finds bystanders and re-acquires a lost face.
 
 Upright faces are searched in every frame, and so is the roll at which a turned one was seen last.  The other rolls take
-turns: one in every frame while no upright face is certain, otherwise one in every third.
+turns: one in every frame while no upright face is certain, otherwise one in every third.  Faces behind bars or letters
+are searched at a glance (`guise.aam.landmarks.glances`), as often.
 
 A frame isn't searched while there was one certain face, a moment ago, and the picture is as it was then except on that
 head: nobody can come into it without changing it.
@@ -18,6 +19,7 @@ import numpy as np
 from guise.aam.landmarks import Face
 from guise.aam.landmarks.builtin import BuiltinLandmarker, distinct
 from guise.aam.landmarks.detector import FaceDetector
+from guise.aam.landmarks.glances import Glancer, is_face, likeness_through
 from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.rolls import TURNED, UPRIGHT, RolledBoxes, detect_at_rolls, nearest_quarter
 from guise.app.media import Frame
@@ -77,6 +79,7 @@ class BackgroundDetector(Closing):
     def __init__(self) -> None:
         self._detector = FaceDetector(smallest=LIMITS.min_face_pixels, min_score=LIMITS.min_score)
         self._landmarker = BuiltinLandmarker(self._detector)
+        self._glancer = Glancer()
         self._pool = ThreadPoolExecutor(1, "guise-detector")
         self._frame: Frame | None = None
         self._found: Future[RolledBoxes] | None = None
@@ -109,7 +112,22 @@ class BackgroundDetector(Closing):
             score >= LIMITS.min_certain_score or self._looks_like_face(picture, box, turn)
             for box, score, turn in zip(found.boxes, found.scores, found.turns, strict=True)
         ]
-        return found[kept]
+        found = found[kept]
+        return found.and_others(self._glimpsed(picture, found))
+
+    def _glimpsed(self, picture: U8, found: RolledBoxes) -> RolledBoxes:
+        """Faces behind bars or letters, where no upright one is certain, or in every third search."""
+        is_sure = bool((found.scores[found.turns == 0] >= LIMITS.min_certain_score).any())
+        number, rest = divmod(self._count, LIMITS.turned_interval_frames)
+        if is_sure and rest:
+            return RolledBoxes.none()
+        number = number if is_sure else self._count
+        seen = self._glancer.faces(picture, number)
+        kept = [
+            is_face(score, likeness_through(self._landmarker, picture, box, turn))
+            for box, score, turn in zip(seen.boxes, seen.scores.tolist(), seen.turns.tolist(), strict=True)
+        ]
+        return seen[np.array(kept, bool)]
 
     def _detected(self, picture: U8) -> RolledBoxes:
         upright = detect_at_rolls(self._detector, picture, UPRIGHT)
