@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from guise.app.deidentify.reach import reach_of_both
 from guise.app.swapping import FACE_HELP
 from guise.common.errors import GuiseError
 from guise.common.option import option
@@ -95,7 +96,8 @@ class DeidentifyOptions:
         metavar="lbp|yunet:PATH|centerface:PATH",
     )
     region: Region = option(
-        "face", "What a swap replaces: the face, or the head with hair, ears and outline."
+        "face",
+        "What a swap replaces: the face, or the head with hair, ears and outline. " + reach_of_both(),
     )
 
     start: str | None = option(

@@ -11,6 +11,7 @@ from typing import Any
 
 from nicegui import ui
 
+from guise.app.deidentify.reach import reach_of_both
 from guise.app.deidentify.report.page import COUNTS, HEADLINES
 from guise.app.deidentify.run.results import beside
 from guise.app.studio.cover_editor import VIEWS, about, picture_of_cover
@@ -38,7 +39,7 @@ WORK = VideoWork(
     "deidentify-review",
     "deidentify-render",
     "Every face in a video is replaced by another person's, keeping the expression, or is covered. You review what was "
-    "found before anything is changed. Everything stays on this computer.",
+    f"found before anything is changed. Everything stays on this computer. {reach_of_both()}",
     "Find faces",
     "You may leave this page and come back.",
     CONFIDENTIAL,

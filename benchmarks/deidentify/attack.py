@@ -27,6 +27,7 @@ from benchmarks.deidentify.guise import done, guise_command
 from benchmarks.deidentify.identity import person_of, recogniser
 from benchmarks.landmarks.clips import HARD, RealClip, real_clips
 from benchmarks.rolled import rolled
+from guise.app.deidentify.reach import REACHES
 from guise.app.measure.attack import (
     AttackedOutput,
     AttackRequest,
@@ -129,12 +130,25 @@ def measure(options: argparse.Namespace) -> Report:
     """All settings."""
     if options.work is not None:
         options.work.mkdir(parents=True, exist_ok=True)
-        return report(attacked(options, options.work.resolve()), options.donors)
+        return report(attacked(options, options.work.resolve()), options.donors, options.region)
     with tempfile.TemporaryDirectory() as folder:
-        return report(attacked(options, Path(folder)), options.donors)
+        return report(attacked(options, Path(folder)), options.donors, options.region)
 
 
-def report(result: AttackResult, settings: list[str]) -> Report:
+def as_told(output: AttackedOutput, setting: str, region: str) -> list[Criterion]:
+    """Whether users are told no less than what attackers reach."""
+    if setting != "auto":
+        return []
+    told, worst = REACHES[region], {"face": output.worst, "outline": output.worst_outline}
+    return [
+        Criterion(
+            f"found by {what}, as users are told", one.rank_one.share, "<=", getattr(told, what) + 0.005
+        )
+        for what, one in worst.items()
+    ]
+
+
+def report(result: AttackResult, settings: list[str], region: str) -> Report:
     """The criteria of the first setting, and the figures of all."""
     named = list(zip(settings, result.outputs, strict=True))
     crop = next(view for view in result.outputs[0].views if view.view.endswith("crop"))
@@ -145,6 +159,7 @@ def report(result: AttackResult, settings: list[str]) -> Report:
             Criterion(f"worst attacker of the face, --donors {setting}, in chances", times, "<=", 2)
             for setting, times in zip(settings, chances, strict=True)
         ),
+        *as_told(result.outputs[0], settings[0], region),
         *similarity("", crop.own),
         *similarity("tilted, ", crop.tilted),
     ]

@@ -15,6 +15,7 @@ from urllib.parse import quote
 
 import cv2
 
+from guise.app.deidentify.reach import reach_of
 from guise.app.deidentify.report.html import data_uri, render_page
 from guise.app.deidentify.report.report import (
     FAILED,
@@ -143,6 +144,7 @@ def write_page(path: Path, report: FileReport, thumbnails: Mapping[int, Sequence
         covers=report.covers[: LIMITS.max_table_rows],
         findings=sorted(report.audit, key=lambda f: (f.covered, f.frame))[: LIMITS.max_table_rows],
         settings=[(name.replace("_", " ").capitalize(), value) for name, value in _flat(report.settings)],
+        reach=f"In the benchmark of Guise {reach_of(report.settings.get('region', 'face'))}.",
         changed=_CHANGED[report.settings.get("region", "face")],
         voice=_VOICE[report.settings.get("audio", "keep")],
         today=_today(),

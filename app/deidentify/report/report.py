@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.app.deidentify.covers import REASONS
+from guise.app.deidentify.reach import PEOPLE, REACHES
 from guise.app.deidentify.tracks import BYSTANDERS, FileReport, Track, TrackOutcome
 from guise.app.swapping.donors import bare
 from guise.app.swapping.policy import DONE
@@ -232,6 +233,7 @@ def _head(report: FileReport) -> dict[str, Any]:
             for finding in report.audit
         ],
         "searched": report.searched,
+        "attackers": {"people": PEOPLE, **vars(REACHES[report.settings.get("region", "face")])},
         "done": DONE,
         "reasons": REASONS,
         "covers": [vars(one) | {"seconds": _seconds(report, one.first, one.last)} for one in report.covers],

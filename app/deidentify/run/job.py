@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from guise.app.deidentify.options import DeidentifyError, DeidentifyOptions
+from guise.app.deidentify.reach import PROPOSAL
 from guise.app.deidentify.run.adding import add_tracks
 from guise.app.deidentify.run.planning import (
     chosen_places,
@@ -81,6 +82,8 @@ def deidentify_file(
     if edited.exists() or tracks:
         say(f"{input.name}: the actions are taken from {edited.name}")
     stages.plan(edited if edited.exists() or tracks else None)
+    if options.region == "face" and any(track.action == "swap" for track in stages.case.tracks):
+        say(f"{input.name}: {PROPOSAL}")
     stages.render()
     _require_unchanged(stages.case)
     publish(stages.case, output, force=force)
