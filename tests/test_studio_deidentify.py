@@ -26,6 +26,7 @@ from studio_browser import (  # noqa: F401
 
 from guise.aam.landmarks.detector import FaceDetector
 from guise.app.media import MediaError
+from guise.app.media.pictures import save_picture
 from guise.app.studio.deidentify_editor import timeline
 from guise.app.studio.deidentify_jobs import (
     TRACKS,
@@ -313,7 +314,11 @@ def test_a_cover_is_refused_a_box_is_drawn_and_the_report_says_both(
     page.mouse.up()
     page.get_by_role("button", name="Cover it").click()
     page.get_by_text("Covered: frames 6 to 13, box").wait_for()
+    save_picture(tmp_path / "red.png", np.full((60, 60, 3), (255, 0, 0), np.uint8))
+    page.locator("input[type=file]").set_input_files(str(tmp_path / "red.png"))
+    page.get_by_role("img", name="What covers faces").wait_for()
     make(page, "The faces that were found are covered in 8 frames.")
+    page.get_by_text("Covers: a picture.").wait_for()
     page.get_by_text("What has no track is left as it is in 2 frames, as you said.").first.wait_for()
     delete(page)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import shutil
 from collections.abc import Awaitable, Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -28,9 +29,10 @@ from guise.app.studio.deidentify_jobs import (
 from guise.app.studio.dialogs import confirm, submitted
 from guise.app.studio.portraits import Portraits
 from guise.app.studio.site import Studio, choice_row
-from guise.app.studio.store import JobRow
+from guise.app.studio.store import JobRow, Upload
+from guise.app.studio.uploads import PICTURE, uploader
 from guise.app.studio.videos import PREVIEW_WIDTH_PIXELS, FrameComparison, title
-from guise.app.swapping.cover import STRENGTHS
+from guise.app.swapping.cover import IMAGE_PREFIX, STRENGTHS
 from guise.common.arrays import U8
 from guise.common.text import counted
 
@@ -226,7 +228,10 @@ class TrackEditor:
 
     def _settings(self) -> None:
         with ui.card().classes("w-full"):
-            self._setting("Covers", "cover", COVERS)
+            self._cover = self._setting("Covers", "cover", COVERS)
+            with ui.row().classes("items-center"):
+                uploader(self._studio, "Cover with a picture", self._cover_with, (PICTURE,))
+                self._picture()
             strengths = {one: str(one) for one in STRENGTHS}
             self._setting("Strength", "cover_strength", strengths)
             ui.label("Of mosaic and blur: 1 leaves the mean colours of six cells across, 5 of two.").classes(
@@ -242,13 +247,31 @@ class TrackEditor:
                 slider.props('label aria-label="Expression"')
             ui.label("0: only expressions in the donor's own range; 1: all of it.").classes("opacity-70")
 
+    async def _cover_with(self, upload: Upload) -> None:
+        """Keep an uploaded picture with the video, and cover faces with it."""
+        path = self._folder / f"cover.{upload.path.name}"
+        shutil.copyfile(upload.path, path)
+        self._studio.store.remove_upload(upload.id)
+        self._cover.value = None
+        await self._set("cover", f"{IMAGE_PREFIX}{path}")
+
+    @ui.refreshable_method
+    def _picture(self) -> None:
+        """The picture that covers faces, if one does."""
+        path = Path(self._choices.cover.removeprefix(IMAGE_PREFIX))
+        if path.parent == self._folder:
+            picture = ui.image(self._studio.url(path)).classes("w-20 h-20")
+            picture.props('fit=contain alt="What covers faces"')
+
     def _setting(self, label: str, name: str, options: Mapping[Any, str]) -> ui.toggle:
-        toggle = choice_row(label, options, getattr(self._choices, name))
-        toggle.on_value_change(lambda event: self._set(name, event.value))
+        value = getattr(self._choices, name)
+        toggle = choice_row(label, options, value if value in options else None)
+        toggle.on_value_change(lambda event: None if event.value is None else self._set(name, event.value))
         return toggle
 
     async def _set(self, name: str, value: Any) -> None:
         setattr(self._choices, name, value)
+        self._picture.refresh()
         await self._save()
 
     @ui.refreshable_method
