@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from itertools import islice
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from clips import empty_scene
 from made_up import SAMPLES
 
 from guise.aam.landmarks.builtin import BuiltinLandmarker
@@ -14,9 +16,11 @@ from guise.aam.landmarks.face import iou
 from guise.aam.landmarks.glances import CYCLE, Glancer, is_face, likeness_through
 from guise.aam.landmarks.rolls import RolledBoxes
 from guise.aam.landmarks.schemes import IBUG68
+from guise.app.deidentify.stages.audit import Audit, AuditSearch
 from guise.app.media import Frame, open_input
 from guise.app.people import faces
 from guise.app.people.faces import detect_faces
+from guise.app.swapping.policy import COVERED, NOBODY, FaceTreatment
 
 FRAMES = 2 * CYCLE
 
@@ -63,3 +67,21 @@ def test_a_face_looks_like_one_through_slats_and_nothing_else_does() -> None:
 def test_a_picture_of_nothing_has_no_face(shape: tuple[int, int]) -> None:
     glancer, plain = Glancer(), np.full((*shape, 3), 90, np.uint8)
     assert [len(glancer.faces(plain, number)) for number in range(CYCLE)] == [0] * CYCLE
+
+
+@pytest.mark.parametrize("pattern", ["slats", "wires"])
+def test_the_audit_finds_a_face_behind_a_pattern_or_says_that_nobody_can_tell(pattern: str) -> None:
+    frame = Frame.from_rgb(clip(pattern)[0][0], index=0)
+    audit = Audit(AuditSearch(None), (0, 1), {}, 30.0, every_frame=False)
+    found = audit.before([frame], {})
+    assert bool(found) != bool(audit.unclear)
+    covers = {0: [FaceTreatment(NOBODY, COVERED, one.box, 1.0, one.turn) for one in found]}
+    audit = Audit(AuditSearch(None), (0, 1), covers, 30.0, every_frame=False)
+    assert not audit.before([frame], covers)
+
+
+def test_there_is_no_doubt_about_an_empty_scene(tmp_path: Path) -> None:
+    with open_input(empty_scene(tmp_path / "empty.mp4")) as media:
+        frame = next(iter(media))
+    audit = Audit(AuditSearch(None), (0, 1), {}, 30.0, every_frame=False)
+    assert (audit.before([frame], {}), audit.unclear) == ([], [])

@@ -40,6 +40,7 @@ class GlanceLimits:
 LIMITS = GlanceLimits()
 _MAX_SCORE = 0.999
 _FILLS = (None, cv2.MORPH_CLOSE, cv2.MORPH_OPEN)
+CLOSED, OPENED = 1, 2
 CYCLE = len(_FILLS) * len(LIMITS.longest_pixels)  # glances until all have been taken
 
 

@@ -5,8 +5,9 @@ sizes, where it also looks for parts of faces at the picture's sides, or by a de
 original as well: a face that the first stage missed is found in both.  It also compares every face that is said to be
 swapped with the original.  Searched are one frame in `AuditLimits.interval_frames`, frames without a face shortly
 before or after one, and those about what was found; every frame with ``--audit full``.  Some are searched as negatives,
-too, and all after a negative that has a face.  Pixels as shown; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; turns in
-radians, by which a face is rolled clockwise.
+too, and all after a negative that has a face.  Where no face is swapped, it is looked for what patterns may hide, see
+`doubt`.  Pixels as shown; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; turns in radians, by which a face is rolled
+clockwise.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from guise.aam.landmarks.detector import MIN_FACE_PIXELS, FaceDetector
 from guise.aam.landmarks.face import BoxDetector
 from guise.aam.landmarks.rolls import RolledBoxes, detect_at_rolls, detect_at_turns
 from guise.aam.landmarks.sides import detect_at_sides
+from guise.app.deidentify.stages.doubt import Doubt, DoubtSearch
 from guise.app.media import Frame
 from guise.app.people.looks import small_picture
 from guise.app.swapping.policy import COVERED, LEFT, NOBODY, SWAPPED, FaceTreatment
@@ -141,6 +143,11 @@ class AuditSearch:
         self._given = _DetectorPerThread(detector) if detector else None
         self._own = FaceDetector(MIN_FACE_PIXELS, min_score=LIMITS.min_score)
         self._landmarker = BuiltinLandmarker()
+        self._doubts = DoubtSearch(self._landmarker)
+
+    def doubt(self, rgb: U8, places: Sequence[F64]) -> Doubt:
+        """What patterns may hide in a picture beyond places (4,)."""
+        return self._doubts.look(rgb, places)
 
     def faces(
         self, rgb: U8, turn_to: int | None, no_points: float = LIMITS.min_likeness_no_points
@@ -211,6 +218,7 @@ class Audit(Closing):
         self._patches: dict[int, list[tuple[FaceTreatment, U8]]] = {}
         self._kept: dict[int, tuple[U8, float]] = {}  # small, and by how much
         self._original: dict[tuple[int, bool], RolledBoxes] = {}  # by frame, and whether as a negative
+        self._doubts: dict[int, Doubt] = {}  # by frame
         self._is_negative = False  # as far as is known
         self._threads = ThreadPoolExecutor(THREADS, "audit")
 
@@ -218,6 +226,17 @@ class Audit(Closing):
     def searched(self) -> int:
         """How many frames are searched."""
         return len(self._searched)
+
+    @property
+    def unclear(self) -> list[int]:
+        """The frames, about those searched, in which nobody can tell whether there is another face."""
+        about = {
+            at
+            for index, doubt in self._doubts.items()
+            if doubt.is_unclear
+            for at in range(index - LIMITS.interval_frames + 1, index + LIMITS.interval_frames)
+        }
+        return sorted(about & set(range(*self._frames)))
 
     @property
     def unsearched(self) -> list[int]:
@@ -234,6 +253,7 @@ class Audit(Closing):
         entries : what will be done, by frame.
         """
         searched: deque[tuple[int, dict[bool, Future[RolledBoxes]]]] = deque()
+        doubts: dict[int, Future[Doubt]] = {}
         missed: list[AuditDetection] = []
 
         def known() -> None:
@@ -241,6 +261,11 @@ class Audit(Closing):
             for negative, boxes in found.items():
                 self._original[index, negative] = boxes.result()
                 missed.extend(self._missed(index, negative, entries.get(index, [])))
+            if index in doubts:
+                self._doubts[index] = doubts.pop(index).result()
+                faces = self._doubts[index].faces
+                for box, score, turn in zip(faces.boxes, faces.scores, faces.turns, strict=True):
+                    missed.append(AuditDetection(index, box, float(score), float(turn)))
 
         for frame in frames:
             index = frame.index
@@ -252,6 +277,9 @@ class Audit(Closing):
             if ways:
                 self._kept[index] = _small(frame.luma)
                 searched.append((index, self._searches(frame, ways)))
+                if not any(entry.done == SWAPPED for entry in entries.get(index, [])):
+                    places = [entry.region for entry in entries.get(index, [])]
+                    doubts[index] = self._threads.submit(self._search.doubt, frame.quick_rgb(), places)
             if len(searched) > THREADS:
                 known()
         while searched:

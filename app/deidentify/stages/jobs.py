@@ -170,6 +170,7 @@ def render(case: Case, segment: int) -> None:
                 break
             audit.look_closer(detections)
             covered += detections
+        unclear = [at for at in audit.unclear if case.worked_on[at]]
         renderer, problems = segment_renderer.renderer, list(media.problems)
         pictures = _output_pictures(case, segment, segment_renderer)
     KEPT.clear()  # this was the last stage
@@ -181,7 +182,7 @@ def render(case: Case, segment: int) -> None:
         f"render.{segment}.json",
         {
             "audit": findings,
-            "unclear": [],
+            "unclear": unclear,
             "searched": audit.searched,
             "renderer": renderer,
             "problems": problems,
