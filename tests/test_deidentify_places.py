@@ -13,15 +13,20 @@ import pytest
 from clips import cut
 from made_up import SAMPLES
 
+from guise.app.deidentify.covers import COLUMNS, rows_of
 from guise.app.deidentify.options import DeidentifyError, DeidentifyOptions
 from guise.app.deidentify.report.report import verdict
+from guise.app.deidentify.run import places
 from guise.app.deidentify.run.job import deidentify_file
+from guise.app.deidentify.run.places import as_chosen
 from guise.app.deidentify.stages import jobs
 from guise.app.deidentify.stages.follow import follow
 from guise.app.deidentify.stages.jobs import Job, perform
+from guise.app.deidentify.stages.work import WorkFolder
 from guise.app.deidentify.tracks import FileReport, MarkedPlace
 from guise.app.media import EncodeOptions, Frame, open_input
 from guise.app.people.faces import SegmentFaces, detect_faces
+from guise.app.swapping.policy import COVERED
 from guise.common.progress import mute, silent
 
 pytestmark = pytest.mark.slow
@@ -120,6 +125,35 @@ def test_a_face_that_nothing_tracked_is_swapped(reviewed: Path, clip: Path, tmp_
     assert report.counts["swapped"] > FRAMES - 8
     assert report.counts["left"] == 0
     assert all(changed(clip, tmp_path / "out.mp4", face()))
+
+
+def test_where_a_face_to_swap_is_lost_it_stays_covered() -> None:
+    """As far as it has become a track nothing else is done, and no farther."""
+    box, frames = (10.0, 10.0, 50.0, 50.0), np.arange(10)
+    others = {name: np.zeros(10, kind) for name, kind in COLUMNS.items() if name != "box"}
+    others |= {
+        "frame": frames,
+        "box": np.tile(box, (10, 1)),
+        "done": np.full(10, COVERED),
+        "cover": np.ones(10, int),
+    }
+    for place in (MarkedPlace(0, 9, 0, box, "swap", 1), MarkedPlace(0, 9, 0, box, "swap")):
+        case: Any = SimpleNamespace(places=[place], rate=30.0, cuts=[], work=WorkFolder(Path("none")))
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(places, "_followed", lambda case, place: {0: np.array(box)})
+            rows = rows_of(as_chosen(case, others, {0: dict.fromkeys(range(4), np.array(box, np.float32))}))
+        assert set(rows["frame"][rows["done"] == COVERED].tolist()) == set(range(4, 10))
+
+
+def test_somebody_who_comes_by_a_refused_thing_stays_covered() -> None:
+    """A detection that moves on from it has its number."""
+    box, frames = np.array([10.0, 10.0, 50.0, 50.0]), np.arange(10)
+    others = {name: np.zeros(10, kind) for name, kind in COLUMNS.items() if name != "box"}
+    moving = box + 8.0 * np.arange(10)[:, None] * (1, 0, 1, 0)
+    others |= {"frame": frames, "box": moving, "done": np.full(10, COVERED), "cover": np.ones(10, int)}
+    case: Any = SimpleNamespace(places=[MarkedPlace(0, 9, 0, (10.0, 10.0, 50.0, 50.0), "leave", 1)])
+    rows = rows_of(as_chosen(case, others, {}))
+    assert rows["frame"][rows["done"] == COVERED].tolist() == [4, 5, 6, 7, 8, 9]
 
 
 def test_a_box_covers_its_frames_and_what_moves_on_from_it(

@@ -6,7 +6,7 @@ A place is covered for certain: its box in each of its frames, beside what is fo
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,61 +23,58 @@ from guise.common.arrays import F32, Bool
 Columns = dict[str, NDArray[Any]]
 
 
-def as_chosen(case: Case, others: Columns, tracked: Iterable[tuple[int, F32]]) -> list[Columns]:
+def as_chosen(case: Case, others: Columns, tracked: Mapping[int, Mapping[int, F32]]) -> list[Columns]:
     """The columns of faces that are not tracked, as the user wants them, and those of places.
 
-    others : as they were found.   tracked : frames and boxes of faces there that are tracked by now.
+    others : as they were found.   tracked : by place that has become a track, its boxes by frame; only there nothing
+    else is to be done.
     """
     gone, left = np.zeros((2, len(others["frame"])), bool)
-    for frame, box in tracked:
+    for frame, box in (pair for boxes in tracked.values() for pair in boxes.items()):
         at = np.flatnonzero(others["frame"] == frame)
         gone[at] |= _are_at(others["box"][at], box)
-    places = [place for n, place in enumerate(case.places) if n not in case.added["places"]]
     for place in case.places:
-        mine = _of(place, others)
-        left |= mine & (place.action == "leave")
-        gone |= mine & (place.cover > 0) & (place not in places)
+        left |= _of(place, others) & (place.action == "leave")
     done, reason = np.where(left, LEFT, others["done"]), np.where(left, NO_REASON, others["reason"])
     kept = {name: values[~gone] for name, values in (others | {"done": done, "reason": reason}).items()}
-    used = int(others["cover"].max(initial=0))
-    return [kept, *(_columns(case, place, others, used + n) for n, place in enumerate(places, 1))]
+    used, columns = int(others["cover"].max(initial=0)), [kept]
+    for n, place in enumerate(case.places):
+        if place.action == "leave" or not place.cover:
+            mine = _columns(case, place, used + n + 1)
+            seen = np.isin(mine["frame"], list(tracked.get(n, ())))
+            columns.append({name: values[~seen] for name, values in mine.items()})
+    return columns
 
 
 def _of(place: MarkedPlace, others: Columns) -> Bool:
-    """Which detections a place is about: those of its cover, or those at its box."""
-    if place.cover:
-        return np.asarray(others["cover"] == place.cover)
+    """Which detections a place is about: those at its box; what has moved away may be a face that came by."""
     within = (others["frame"] >= place.first) & (others["frame"] <= place.last)
+    if place.cover:
+        within &= others["cover"] == place.cover
     within[within] = _are_at(others["box"][within], np.array(place.box, np.float32))
-    return within
+    return np.asarray(within)
 
 
 def _are_at(boxes: F32, box: F32) -> Bool:
     return np.array([iou(one, box) > LIMITS.min_same_iou for one in boxes], bool)
 
 
-def _columns(case: Case, place: MarkedPlace, others: Columns, number: int) -> Columns:
-    rows = list(_left(place, others) if place.action == "leave" else _covered(case, place))
+def _columns(case: Case, place: MarkedPlace, number: int) -> Columns:
+    frames = range(place.first, place.last + 1)
+    is_left = place.action == "leave"  # also for the audit
+    rows = [(frame, place.box, 1.0) for frame in frames] if is_left else list(_covered(case, place))
     count = len(rows)
-    ones, done = np.ones(count), LEFT if place.action == "leave" else COVERED
+    ones, done = np.ones(count), LEFT if is_left else COVERED
     return {
         "track": ones * BYSTANDERS, "frame": np.array([frame for frame, _, _ in rows]), "done": ones * done,
         "box": np.reshape([box for _, box, _ in rows], (count, 4)), "turn": ones * 0,
         "growth": np.array([larger for _, _, larger in rows]), "confidence": ones,
-        "reason": ones * (CHOSEN if done == COVERED else NO_REASON), "cover": ones * (place.cover or number),
+        "reason": ones * (NO_REASON if is_left else CHOSEN), "cover": ones * (place.cover or number),
     }  # fmt: skip
 
 
-def _left(place: MarkedPlace, others: Columns) -> Iterator[tuple[int, Sequence[float], float]]:
-    """Frames, boxes and growths of what is no face, so that the audit leaves it: where it is seen next, or drawn."""
-    mine = np.flatnonzero(others["cover"] == place.cover) if place.cover else np.zeros(0, np.intp)
-    for frame in range(place.first, place.last + 1):
-        near = mine[np.abs(others["frame"][mine] - frame).argmin()] if len(mine) else None
-        yield frame, place.box if near is None else others["box"][near], 1.0
-
-
 def _covered(case: Case, place: MarkedPlace) -> Iterator[tuple[int, Sequence[float], float]]:
-    """The same of a face that was missed; where it is followed no more, what it was followed to grows."""
+    """Frames, boxes and growths of a face that was missed; where it is followed no more, the last box grows."""
     seen = _followed(case, place)
     known = np.array(sorted(seen))
     for frame in range(place.first, place.last + 1):

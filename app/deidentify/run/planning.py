@@ -206,8 +206,10 @@ def _donors(case: Case, people: Mapping[int, int]) -> dict[int, str]:
 def plan_faces(case: Case, tracks: Sequence[Track]) -> dict[str, NDArray[Any]]:
     """What happens to each face in each frame, in the columns of `guise.app.deidentify.covers`."""
     linked = {one.number: one for one in case.linked}
-    added = [_observations(case, linked[one["number"]])[0] for one in case.added["tracks"]]
-    tracked = (pair for rows in added for pair in zip(rows.frames.tolist(), rows.boxes, strict=True))
+    tracked = {}
+    for place, one in zip(case.added["places"], case.added["tracks"], strict=True):
+        seen, _ = _observations(case, linked[one["number"]])
+        tracked[place] = dict(zip(seen.frames.tolist(), seen.boxes, strict=True))
     others = as_chosen(case, bystanders(case), tracked)
     plan = rows_of([*(_rows(case, linked[one.origin], one) for one in tracks), *others])
     _leave_outside(case, plan)
