@@ -29,7 +29,7 @@ class GlanceLimits:
     kernel_pixels: int = 9  # by a square of this side
     judged_face_pixels: int = 40  # of a face in a filled picture in which it is judged
     margin_faces: float = 1.5  # about a face, what is filled with it
-    min_score: float = 0.4  # of the detector
+    min_score: float = 0.5  # of the detector
     score_weight: float = 3.0  # of its logit beside the landmarker's:
     min_sum: float = 4.0  # from which it may be a face,
     sure_sum: float = 7.0  # and surely is one
