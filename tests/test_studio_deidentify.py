@@ -371,7 +371,7 @@ def test_a_track_is_split_and_its_parts_get_what_is_chosen_for_each(
     with pytest.raises(StudioError, match="not within track 1"):
         split(folder, work["output"], choices, 1, 25)
     choices.actions["2"] = "leave"
-    choices.people["3"] = 1
+    choices.people["3"], choices.donors["1"] = 1, "p02"
     changed = [
         float(np.abs(after.astype(int) - before).max())
         for before, after in (preview(source, folder, choices, work["output"], n, 640) for n in (5, 15, 25))
