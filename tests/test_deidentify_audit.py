@@ -124,32 +124,37 @@ def test_a_negative_is_searched_as_a_positive() -> None:
 
 
 @pytest.mark.parametrize(
-    ("score", "likeness", "confidence", "no_points", "is_face"),
+    ("score", "likeness", "confidence", "no_points", "skin", "is_face"),
     [
-        (0.8, 0.5, None, LIMITS.min_likeness_no_points, True),
-        (0.6, 2.5, 0.5, LIMITS.min_likeness_no_points, True),
-        (0.6, 2.5, 0.1, LIMITS.min_likeness_no_points, False),
-        (0.6, 4.5, None, LIMITS.min_likeness_no_points, True),
-        (0.6, 4.5, None, LIMITS.min_likeness_negative, False),
-        (0.6, 2.5, 0.5, LIMITS.min_likeness_negative, True),
+        (0.8, 0.5, None, LIMITS.min_likeness_no_points, False, True),
+        (0.6, 2.5, 0.5, LIMITS.min_likeness_no_points, False, True),
+        (0.6, 2.5, 0.1, LIMITS.min_likeness_no_points, True, False),
+        (0.6, 4.5, None, LIMITS.min_likeness_no_points, True, True),
+        (0.6, 4.5, None, LIMITS.min_likeness_no_points, False, False),
+        (0.6, 6.5, None, LIMITS.min_likeness_no_points, False, True),
+        (0.6, 4.5, None, LIMITS.min_likeness_negative, True, False),
+        (0.6, 2.5, 0.5, LIMITS.min_likeness_negative, False, True),
     ],
     ids=[
         "certain",
         "with points",
         "with points that are none",
         "a profile",
+        "a stone",
+        "much like one",
         "specks of a negative",
         "a negative",
     ],
 )
 def test_what_the_detector_doubts_needs_points_or_must_look_much_like_a_face(
     monkeypatch: pytest.MonkeyPatch, score: float, likeness: float, confidence: float | None, no_points: float,
-    is_face: bool,
+    skin: bool, is_face: bool,
 ) -> None:  # fmt: skip
     points = np.zeros((COUNT, 2), np.float32)
     face = None if confidence is None else Face(points, confidence, BOX)
     monkeypatch.setattr(search()._landmarker, "look_in_box", lambda *_: (face, likeness))
     monkeypatch.setattr(search()._landmarker, "likeness", lambda *_: likeness)
+    monkeypatch.setattr(search()._shares, "has_face", lambda *_: skin)
     assert search()._has_face(np.zeros((8, 8, 3), np.uint8), BOX, score, 0.0, no_points) == is_face
 
 

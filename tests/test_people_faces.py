@@ -21,6 +21,7 @@ from guise.app.people.faces import (
     confirmed,
     detect_faces,
 )
+from guise.app.people.skin import FaceShares
 
 
 def some(person: str, clip: str = "talk2.mp4", *, count: int = 30) -> list[Frame]:
@@ -112,6 +113,16 @@ def test_a_doubtful_candidate_counts_when_it_is_seen_twice_more() -> None:
     assert len(confirmed([Candidate(1, box, 0.9, confirmed=True)])) == 1
 
 
+def test_what_nothing_speaks_for_needs_a_likely_sight_at_its_place() -> None:
+    box = np.array([10, 10, 40, 40], np.float32)
+    pins = [Candidate(i, box, 0.5, confirmed=True, unlikely=True) for i in range(6)]
+    assert confirmed(pins) == []
+    likely = Candidate(8, box + 2, 0.5, confirmed=False)
+    assert confirmed([*pins, likely]) == [*pins, likely]
+    elsewhere = Candidate(8, box + 200, 0.5, confirmed=True)
+    assert confirmed([*pins, elsewhere]) == [elsewhere]
+
+
 @pytest.mark.parametrize(("turn", "likeness", "kept"), [(0, -2.3, 6), (np.pi, -2.3, 0), (np.pi, 2.0, 6)])
 def test_a_certain_box_upside_down_must_also_look_like_a_face(
     turn: float, likeness: float, kept: int
@@ -127,20 +138,25 @@ def test_a_certain_box_upside_down_must_also_look_like_a_face(
 
 
 @pytest.mark.parametrize(
-    ("score", "likeness", "turn", "kept"),
+    ("score", "likeness", "turn", "skin", "kept"),
     [
-        (0.42, 4.3, 0, 0),
-        (0.42, 6.5, 0, 1),
-        (0.5, 1.0, 0, 0),
-        (0.5, 2.5, 0, 1),
-        (0.5, 2.5, np.pi, 0),
-        (0.78, -1.0, 0, 1),
+        (0.42, 4.3, 0, True, 0),
+        (0.42, 6.5, 0, True, 1),
+        (0.42, 6.5, 0, False, 0),
+        (0.42, 8.5, 0, False, 1),
+        (0.5, 1.0, 0, True, 0),
+        (0.5, 2.5, 0, True, 1),
+        (0.5, 2.5, 0, False, 0),
+        (0.5, 2.5, np.pi, True, 0),
+        (0.78, -1.0, 0, False, 1),
+        (0.78, -5.0, 0, True, 0),
     ],
 )
 def test_what_is_seen_once_must_look_much_like_a_face_or_be_detected_well_upright(
-    score: float, likeness: float, turn: float, kept: int
+    score: float, likeness: float, turn: float, skin: bool, kept: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A sleeve that was seen in one frame was covered for half a second."""
+    monkeypatch.setattr(FaceShares, "has_face", lambda *_: skin)
     tracker = SegmentTracker(_Unsure(likeness))  # type: ignore[arg-type]
     box = np.array([[10, 10, 50, 50]], np.float32)
     for index in range(6):

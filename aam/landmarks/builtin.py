@@ -210,14 +210,7 @@ class BuiltinLandmarker:
         return self._first(rgb, box, turn).logit
 
     def _first(self, rgb: U8, box: NDArray[Any], turn: float) -> Prediction:
-        corners = np.asarray(box, np.float64)
-        side = float((corners[2:] - corners[:2]).max())
-        return self._pass(
-            rgb,
-            (corners[:2] + corners[2:]) / 2 + CROP.rise_sides * side * upward(turn),
-            CROP.head_box_sides * side,
-            turn,
-        )
+        return self._pass(rgb, *_square_about(box, turn), turn)
 
     def _second(self, rgb: U8, first: Prediction) -> Face | None:
         """The face after another pass, on the upright crop; None where the first is not like a face."""
@@ -259,6 +252,19 @@ class BuiltinLandmarker:
 
     def _confidence(self, found: Prediction) -> float:
         return self._calibration.confidence(found.sigma, found.eyes, found.logit)
+
+
+def crop_of_box(rgb: U8, box: NDArray[Any], turn: float) -> tuple[U8, F64]:
+    """What the network sees of a face whose iBUG-68 points fill box (4,), as `cut` gives it."""
+    centre, side = _square_about(box, turn)
+    return cut(rgb, centre, CROP.side_head_boxes * side, turn)
+
+
+def _square_about(box: NDArray[Any], turn: float) -> tuple[F64, float]:
+    """Centre and longer side of the box of all points, of a face whose iBUG-68 points fill a box."""
+    corners = np.asarray(box, np.float64)
+    side = float((corners[2:] - corners[:2]).max())
+    return (corners[:2] + corners[2:]) / 2 + CROP.rise_sides * side * upward(turn), CROP.head_box_sides * side
 
 
 def cut(rgb: U8, centre: F64, side: float, turn: float) -> tuple[U8, F64]:

@@ -25,9 +25,9 @@ COLUMNS: dict[str, type[np.generic]] = {
 # Why a face is covered; "" of one that is not.
 REASONS = (
     "", "your choice", "not enrolled", "unsure fit", "gap", "before or after", "bystander", "found by the audit",
-    "turned too far", "could not be drawn",
+    "turned too far", "could not be drawn", "taken for a thing",
 )  # fmt: skip
-NO_REASON, CHOSEN, NOT_ENROLLED, UNSURE_FIT, GAP, EDGE, BYSTANDER, FOUND, TURNED, NOT_DRAWN = range(
+NO_REASON, CHOSEN, NOT_ENROLLED, UNSURE_FIT, GAP, EDGE, BYSTANDER, FOUND, TURNED, NOT_DRAWN, THING = range(
     len(REASONS)
 )
 
@@ -94,8 +94,8 @@ def numbered(frames: I32, boxes: F32, reach: int, first: int = 1) -> I32:
 
 
 def covers_of(rows: Rows) -> list[CoverSpan]:
-    """The covers of some columns, in the order of their numbers."""
-    covered = np.flatnonzero(rows["done"] == COVERED)
+    """The covers of some columns, in the order of their numbers; with what would be one, were it no thing."""
+    covered = np.flatnonzero((rows["done"] == COVERED) | (rows["reason"] == THING))
     count = int(rows["cover"].max(initial=0))
     groups: dict[int, list[int]] = {}
     open_spans: dict[int, tuple[int, int, int]] = {}  # by track: number, frame and reason of its last row

@@ -11,10 +11,11 @@ bars or letters that are seen at a glance (`guise.aam.landmarks.glances`).  Pixe
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
@@ -48,6 +49,7 @@ class CandidateLimits:
     min_score: float = 0.15  # of a box that supports a tracked face
     min_candidate_score: float = 0.2
     certain_score: float = 0.75  # from which an upright box is a face whatever it looks like
+    min_likeness_certain: float = -3.0  # of one that needs no other sight
     high_score: float = 0.45  # from which an upright one needs little likeness:
     min_likeness_high_score: float = -1.0
     confirmed_likeness_high_score: float = 2.0  # from which a candidate is confirmed
@@ -55,10 +57,13 @@ class CandidateLimits:
     min_likeness_small: float = 1.0  # below that score; smaller faces have lower scores
     min_likeness_large: float = 4.0
     confirmed_likeness: float = 6.0
+    sure_likeness: float = 8.0  # from which it needs neither points nor skin
     small_face_pixels: int = 64
     side_interval_frames: int = 3  # from one search for parts of faces at the sides to the next
     min_likeness_at_side: float = 3.0
+    confirmed_likeness_at_side: float = 5.0
     glance_interval_frames: int = 3  # from one glance to the next, beside a certain face
+    support_frames: int = 24  # within which something unlikely needs a likely sight at its place
     sights: int = 2  # others that confirm a candidate,
     sight_frames: int = 6  # within so many frames
     sight_iou: float = 0.2  # and at its place
@@ -97,13 +102,17 @@ SMALL_SIZE = (32, 18)  # pixels, width and height of the small picture
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """What may be a bystander's face: frame, box (4,), score, turn, and whether it needs no other sight of it."""
+    """What may be a bystander's face: frame, box (4,), score, turn, and whether it needs no other sight of it.
+
+    unlikely : whether nothing but detector and landmarker speaks for a face, and they only a little.
+    """
 
     frame: int
     box: F32
     score: float
     confirmed: bool
     turn: float = 0.0
+    unlikely: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,15 +339,24 @@ class SegmentTracker:
         candidates += self._at_glance(frame, candidates)
         # Boxes at a wrong roll may come before the face's own.
         candidates = [one for one in candidates if not self._is_on_known(one.box, one.score, one.turn)]
-        self._candidates += candidates
+        self._candidates += [self._judged(frame.rgb, one) for one in candidates]
         boxes = [*self._tracker.boxes, *(one.box for one in candidates)]
         if any(float((box[2:] - box[:2]).max()) < LIMITS.searched_small_pixels for box in boxes):
             self._small_until = frame.index + LIMITS.searched_small_frames
 
+    def _judged(self, rgb: U8, one: Candidate) -> Candidate:
+        """A candidate without points, with whether anything else speaks for it."""
+        if one.score >= LIMITS.certain_score:
+            return one
+        face, likeness = self._looks.look_in_box(rgb, one.box, one.turn)
+        is_likely = face is not None or likeness >= LIMITS.sure_likeness
+        return replace(one, unlikely=not (is_likely or self._looks.has_skin(rgb, one.box, one.turn)))
+
     def _at_sides(self, frame: DetectedFrame) -> Iterator[Candidate]:
         for box, score in zip(frame.at_sides.boxes, frame.at_sides.scores, strict=True):
-            if self._looks.likeness(frame.rgb, box, 0.0) >= LIMITS.min_likeness_at_side:
-                yield Candidate(frame.index, box, float(score), confirmed=True)
+            likeness = self._looks.likeness(frame.rgb, box, 0.0)
+            if likeness >= LIMITS.min_likeness_at_side:
+                yield Candidate(frame.index, box, float(score), likeness >= LIMITS.confirmed_likeness_at_side)
 
     def _at_glance(self, frame: DetectedFrame, others: Sequence[Candidate]) -> Iterator[Candidate]:
         """What was glimpsed beside other candidates; a tracklet is started where there are points."""
@@ -397,7 +415,8 @@ def _candidate(index: int, box: F32, score: float, turn: float, likeness: float)
         least = LIMITS.min_likeness_turned
     if likeness < least and (score < LIMITS.certain_score or not is_upright):
         return None
-    is_confirmed = score >= LIMITS.certain_score or likeness >= confirmed
+    is_certain = score >= LIMITS.certain_score and likeness >= LIMITS.min_likeness_certain
+    is_confirmed = is_certain or likeness >= confirmed
     return Candidate(index, box, score, is_confirmed, turn)
 
 
@@ -438,8 +457,20 @@ def _holds_centre(box: F32, other: F32) -> bool:
 
 
 def confirmed(candidates: list[Candidate]) -> list[Candidate]:
-    """Of candidates by frame the confirmed ones, and those of which there are others nearby and soon."""
-    kept = []
+    """Of candidates by frame the confirmed ones, and those of which there are others nearby and soon.
+
+    What is unlikely needs a sight of the same that is not.
+    """
+    likely = [one for one in candidates if not one.unlikely]
+    frames = [one.frame for one in likely]
+
+    def is_supported(one: Candidate) -> bool:
+        low, high = (
+            bisect_left(frames, one.frame + d) for d in (-LIMITS.support_frames, LIMITS.support_frames + 1)
+        )
+        return not one.unlikely or any(iou(o.box, one.box) > LIMITS.sight_iou for o in likely[low:high])
+
+    candidates, kept = [one for one in candidates if is_supported(one)], []
     for n, one in enumerate(candidates):
         around = candidates[max(0, n - 200) : n + 200]
         near = (other for other in around if 0 < abs(other.frame - one.frame) <= LIMITS.sight_frames)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from guise.aam.landmarks import Face, iou, tight_box
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.schemes import IBUG68
+from guise.app.people.skin import FaceShares
 from guise.common.arrays import F32, U8
 
 
@@ -51,8 +52,9 @@ class Looks:
     name = BuiltinLandmarker.name
 
     def __init__(self, landmarker: BuiltinLandmarker) -> None:
-        self._landmarker = landmarker
+        self._landmarker, self._shares = landmarker, FaceShares()
         self._kept: deque[_Look] = deque(maxlen=LIMITS.kept)
+        self._skin: deque[_Look] = deque(maxlen=LIMITS.kept)  # of which only the likeness counts
 
     def detect(self, rgb: U8) -> list[Face]:
         """All faces."""
@@ -86,9 +88,20 @@ class Looks:
         """How much a box looks like a face."""
         return self._landmarker.likeness(rgb, box, turn)
 
-    def _unchanged(self, rgb: U8, box: F32, turn: float | None) -> _Look | None:
-        """The last look at a box, if the picture has not changed there."""
-        for look in reversed(self._kept):
+    def has_skin(self, rgb: U8, box: F32, turn: float) -> bool:
+        """Whether something in a box is parsed as a face."""
+        if (known := self._unchanged(rgb, box, turn, self._skin)) is not None:
+            return known.likeness > 0
+        has = self._shares.has_face(rgb, box, turn)
+        if (patch := _patch(rgb, box)) is not None:
+            self._skin.append(_Look(box, turn, patch, None, float(has)))
+        return has
+
+    def _unchanged(
+        self, rgb: U8, box: F32, turn: float | None, known: deque[_Look] | None = None
+    ) -> _Look | None:
+        """The last look at a box, if the picture has not changed there.   known : looks, the last one last."""
+        for look in reversed(self._kept if known is None else known):
             if look.turn == turn and iou(look.box, box) >= LIMITS.min_iou:
                 now = _patch(rgb, look.box)
                 is_same = (

@@ -70,7 +70,7 @@ class CoverEditor:
             with ui.column().classes("grow gap-1 min-w-0"):
                 title(f"Cover {number}", 3)
                 ui.label(about(cover)).classes("opacity-70")
-                toggle = ui.toggle(VIEWS, value=self.choices.covers.get(number, "cover"))
+                toggle = ui.toggle(VIEWS, value=self.choices.covers.get(number, cover["action"]))
                 toggle.on_value_change(partial(self._choose, number))
                 toggle.props(f'no-caps role="group" aria-label="What cover {number} hides"')
 

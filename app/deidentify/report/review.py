@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.app.deidentify.covers import CoverSpan
+from guise.app.deidentify.covers import REASONS, THING, CoverSpan
 from guise.app.deidentify.options import DeidentifyError
 from guise.app.deidentify.tracks import MarkedPlace, Track, split_tracks
 from guise.app.swapping.policy import ACTIONS
@@ -132,7 +132,13 @@ def read_places(path: Path, covers: Sequence[CoverSpan], frames: int, fingerprin
     numbers = [_quoted(row.get("number")) for row in lists[0]]
     if twice := [number for number in numbers if numbers.count(number) > 1]:
         raise DeidentifyError(f"{path}: cover {twice[0]} appears twice: delete one of the two")
-    places = [_of_cover(path, row, known) for row in lists[0] if row.get("action", "cover") != "cover"]
+    proposed = {_quoted(one.number): _proposed(one) for one in covers}
+    changed = [
+        row
+        for row, n in zip(lists[0], numbers, strict=True)
+        if row.get("action", "cover") != proposed.get(n, "cover")
+    ]
+    places = [_of_cover(path, row, known) for row in changed]
     return places + [_drawn(f"{path}: box {n}", row, frames) for n, row in enumerate(lists[1], 1)]
 
 
@@ -191,7 +197,12 @@ def _is_box(box: Any) -> bool:
 
 def _cover_row(one: CoverSpan) -> dict[str, Any]:
     """A cover; only that of a face without a track has an action of its own."""
-    return vars(one) | ({} if one.track else {"action": "cover"})
+    return vars(one) | ({} if one.track else {"action": _proposed(one)})
+
+
+def _proposed(one: CoverSpan | None) -> str:
+    """What happens to it unless the user says otherwise."""
+    return "leave" if one is not None and one.reason == REASONS[THING] else "cover"
 
 
 def _splits(path: Path, value: dict[str, Any], tracks: Sequence[Track]) -> dict[int, list[int]]:

@@ -19,12 +19,14 @@ from guise.app.deidentify.run.planning import (
     number_people,
     plan_faces,
     propose_tracks,
+    things,
 )
 from guise.app.deidentify.run.results import beside, report_of, write_reports, write_review
 from guise.app.deidentify.stages.case import PLACES, Case, track_json
 from guise.app.deidentify.stages.jobs import Job, result_of
 from guise.app.deidentify.stages.pieces import publish
 from guise.app.deidentify.stages.render import SegmentRenderer, entries_of
+from guise.app.deidentify.stages.things import THINGS
 from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
 from guise.app.deidentify.tracks import FileReport
 from guise.app.media import Frame, MediaError, open_input, open_sink
@@ -208,6 +210,7 @@ class _Stages:
         self._once("people.json", lambda: number_people(case))
         self._forget_other_region()
         self._map("fit", len(case.scan.segments))
+        self._once(THINGS, lambda: things(case))
         self._once("proposed.json", lambda: [track_json(track) for track in propose_tracks(case)])
 
     def _forget_other_region(self) -> None:

@@ -18,6 +18,7 @@ from guise.app.deidentify.covers import (
     GAP,
     NO_REASON,
     NOT_ENROLLED,
+    THING,
     UNSURE_FIT,
     CoverSpan,
     covers_of,
@@ -29,6 +30,7 @@ from guise.app.deidentify.run.places import as_chosen
 from guise.app.deidentify.stages.case import Case, LinkedTrack, track_from
 from guise.app.deidentify.stages.people import LIMITS as ENROLMENT
 from guise.app.deidentify.stages.people import why_not
+from guise.app.deidentify.stages.things import Sights, find_things, known_things, save_things
 from guise.app.deidentify.tracks import BYSTANDERS, Track
 from guise.app.people.link import Tracklet, link
 from guise.app.swapping.donors import KeyFile, assign
@@ -243,18 +245,37 @@ def _rows(case: Case, whole: LinkedTrack, track: Track) -> dict[str, NDArray[Any
 
 def bystanders(case: Case) -> dict[str, NDArray[Any]]:
     """The columns of faces that are not tracked."""
+    seen = _seen(case)
+    frames, rows = seen.around(total=case.scan.frames, rate=case.rate, cuts=case.cuts)
+    reach = frames_within(LIMITS.unseen_seconds, case.rate)
+    ones, covers = np.ones(len(rows)), numbered(seen.frames, seen.boxes, reach)[rows]
+    is_thing = np.isin(covers, [thing.number for thing in known_things(case)])
+    return {
+        "track": ones * BYSTANDERS, "frame": frames, "done": ones * COVERED, "box": seen.boxes[rows],
+        "turn": seen.turns[rows], "growth": ones, "confidence": seen.scores[rows],
+        "reason": np.where(is_thing, THING, BYSTANDER), "cover": covers,
+    }  # fmt: skip
+
+
+def things(case: Case) -> list[dict[str, Any]]:
+    """What of that is no face, as JSON holds it."""
+    seen = _seen(case)
+    numbers = numbered(seen.frames, seen.boxes, frames_within(LIMITS.unseen_seconds, case.rate))
+    order = np.argsort(numbers, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1) if len(order) else []
+    places = (
+        Sights(seen.frames[g], seen.boxes[g], seen.turns[g], seen.scores[g], int(numbers[g[0]]))
+        for g in groups
+    )
+    return save_things(find_things(case, places))
+
+
+def _seen(case: Case) -> Bystanders:
+    """The detections of faces that are not tracked."""
     found = [case.found(k, points=False) for k in range(len(case.scan.segments))]
-    seen = Bystanders(
+    return Bystanders(
         np.concatenate([f.bystander_frame for f in found]),
         np.concatenate([f.bystander_box for f in found]),
         np.concatenate([f.bystander_score for f in found]),
         np.concatenate([f.bystander_turn for f in found]),
     )
-    frames, rows = seen.around(total=case.scan.frames, rate=case.rate, cuts=case.cuts)
-    reach = frames_within(LIMITS.unseen_seconds, case.rate)
-    ones = np.ones(len(rows))
-    return {
-        "track": ones * BYSTANDERS, "frame": frames, "done": ones * COVERED, "box": seen.boxes[rows],
-        "turn": seen.turns[rows], "growth": ones, "confidence": seen.scores[rows], "reason": ones * BYSTANDER,
-        "cover": numbered(seen.frames, seen.boxes, reach)[rows],
-    }  # fmt: skip

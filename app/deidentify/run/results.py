@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks.heads import region
-from guise.app.deidentify.covers import FOUND, CoverSpan, Rows, covers_of, rows_of
+from guise.app.deidentify.covers import FOUND, THING, CoverSpan, Rows, covers_of, rows_of
 from guise.app.deidentify.options import DeidentifyOptions
 from guise.app.deidentify.report.page import write_page
 from guise.app.deidentify.report.report import write_report
@@ -101,7 +101,8 @@ def outcomes_of(rows: Rows, tracks: Sequence[int]) -> tuple[TrackOutcome, ...]:
 
 
 def _outcome(rows: Rows, track: int) -> TrackOutcome:
-    mine = np.flatnonzero(rows["track"] == track)
+    is_bare = (rows["reason"] == THING) & (rows["done"] != COVERED)
+    mine = np.flatnonzero((rows["track"] == track) & ~is_bare)
     boxes = rows["box"][mine].copy()
     for place, row in enumerate(mine.tolist()):
         if rows["done"][row] == COVERED:

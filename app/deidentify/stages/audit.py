@@ -32,6 +32,7 @@ from guise.aam.landmarks.sides import detect_at_sides
 from guise.app.deidentify.stages.doubt import Doubt, DoubtSearch
 from guise.app.media import Frame
 from guise.app.people.looks import small_picture
+from guise.app.people.skin import FaceShares
 from guise.app.swapping.policy import COVERED, LEFT, NOBODY, SWAPPED, FaceTreatment
 from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.closing import Closing
@@ -53,7 +54,8 @@ class AuditLimits:
     certain_score: float = 0.75  # and below that,
     min_likeness_uncertain: float = 2.0  # with points of at least
     min_confidence: float = 0.3  # this confidence,
-    min_likeness_no_points: float = 4.0  # without, as of a profile,
+    min_likeness_no_points: float = 4.0  # without, as of a profile, if it has skin or
+    high_likeness: float = 6.0  # this likeness,
     min_likeness_negative: float = 8.0  # and without in the negative of what may be none
     kept_pixels: int = 640  # longer side of the original as it is kept for comparison
     patch_pixels: int = 16  # side of what is compared of a face
@@ -142,7 +144,7 @@ class AuditSearch:
     def __init__(self, detector: str | None) -> None:
         self._given = _DetectorPerThread(detector) if detector else None
         self._own = FaceDetector(MIN_FACE_PIXELS, min_score=LIMITS.min_score)
-        self._landmarker = BuiltinLandmarker()
+        self._landmarker, self._shares = BuiltinLandmarker(), FaceShares()
         self._doubts = DoubtSearch(self._landmarker)
 
     def doubt(self, rgb: U8, places: Sequence[F64]) -> Doubt:
@@ -168,8 +170,10 @@ class AuditSearch:
         if score >= LIMITS.certain_score:
             return self._landmarker.likeness(rgb, box, turn) >= LIMITS.min_likeness
         face, likeness = self._landmarker.look_in_box(rgb, box, turn)
-        has_points = face is not None and face.confidence >= LIMITS.min_confidence
-        return likeness >= (LIMITS.min_likeness_uncertain if has_points else no_points)
+        if face is not None and face.confidence >= LIMITS.min_confidence:
+            return likeness >= LIMITS.min_likeness_uncertain
+        is_like = likeness >= no_points
+        return is_like and (likeness >= LIMITS.high_likeness or self._shares.has_face(rgb, box, turn))
 
     def is_alike(self, luma: U8, box: NDArray[np.floating], turn: float) -> bool:
         """Whether a box of a grey picture (h, w) looks like a face."""

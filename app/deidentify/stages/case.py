@@ -1,7 +1,7 @@
 """A file that is being de-identified: what its work folder says of it.
 
 Results in the folder: manifest.json, scan.json, detect.K.npz, link.json, person.P.guise or person.P.json (why there is
-none), region.json, gaps.K.npz, fit.K.npz, places.json, added.json, added.K.npz, tracks.json, plan.npz,
+none), region.json, gaps.K.npz, fit.K.npz, things.json, places.json, added.json, added.K.npz, tracks.json, plan.npz,
 render.K.packets, output.K.npz, drawn.K.npz and render.K.json, for segments K and persons P.
 """
 

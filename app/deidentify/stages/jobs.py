@@ -27,7 +27,15 @@ from guise.app.deidentify.stages.head import knows_head
 from guise.app.deidentify.stages.head_matte import Gap, find_head
 from guise.app.deidentify.stages.people import enrol
 from guise.app.deidentify.stages.pieces import open_piece, read_piece
-from guise.app.deidentify.stages.render import LIMITS, SegmentRenderer, entries_of, with_detections
+from guise.app.deidentify.stages.render import (
+    LIMITS,
+    JudgedPlaces,
+    SegmentRenderer,
+    entries_of,
+    numbers_of,
+    with_detections,
+)
+from guise.app.deidentify.stages.things import Sights, find_doubtful, find_things, known_things
 from guise.app.deidentify.stages.work import WorkFolder
 from guise.app.media import Frame, MediaInput, Sink, process
 from guise.app.media.input import VideoInput
@@ -143,9 +151,10 @@ def render(case: Case, segment: int) -> None:
     first, last = case.span(segment)
     planned = entries_of(case.plan, case.scan.segments[segment].first, last)
     covered: list[AuditDetection] = []
+    judged = JudgedPlaces()
 
     def entries() -> dict[int, list[FaceTreatment]]:
-        found = with_detections(planned, covered, first, last, case.rate)
+        found = with_detections(planned, covered, first, last, case.rate, judged)
         return {f: these if case.worked_on[f] else planned.get(f, []) for f, these in found.items()}
 
     with ExitStack() as stack:
@@ -162,10 +171,12 @@ def render(case: Case, segment: int) -> None:
             for _ in range(LIMITS.max_repeats):
                 if wanted := audit.unsearched:
                     _look(case, audit, wanted, entries(), covered)
+            judged = judged_places(case, covered, last - first)
             segment_renderer.entries = entries()
+            segment_renderer.things = [*known_things(case), *judged.things]
             _encode(case, media, segment, segment_renderer)
             result, drawn = read_piece(case, segment), segment_renderer.drawn
-            detections = _worked_on(case, audit.after(result, segment_renderer.entries, drawn))
+            detections = _worked_on(case, audit.after(result, segment_renderer.treated, drawn))
             if not detections or attempt == LIMITS.max_repeats:
                 break
             audit.look_closer(detections)
@@ -177,7 +188,8 @@ def render(case: Case, segment: int) -> None:
     case.work.save_arrays(f"output.{segment}.npz", **pictures)
     inside = {frame: these for frame, these in segment_renderer.done.items() if frame >= first}
     case.work.save_arrays(f"drawn.{segment}.npz", **rows_from(inside))
-    findings = [_finding(one, True) for one in covered] + [_finding(one, False) for one in detections]
+    hidden = [one for one in covered if not any(thing.is_at(one.box) for thing in judged.things)]
+    findings = [_finding(one, True) for one in hidden] + [_finding(one, False) for one in detections]
     case.work.save_json(
         f"render.{segment}.json",
         {
@@ -188,6 +200,22 @@ def render(case: Case, segment: int) -> None:
             "problems": problems,
         },
     )
+
+
+def judged_places(case: Case, detections: Sequence[AuditDetection], reach: int) -> JudgedPlaces:
+    """What is known of the places at which the audit found something.   reach : frames of the segment."""
+    numbers, places = np.array(numbers_of(detections, reach), np.int32), []
+    for number in np.unique(numbers).tolist():
+        here = sorted(
+            (detections[k] for k in np.flatnonzero(numbers == number).tolist()), key=lambda one: one.frame
+        )
+        places.append(
+            Sights(
+                np.array([one.frame for one in here], np.int32), np.array([one.box for one in here], np.float32),
+                np.array([one.turn for one in here], np.float32), np.array([one.score for one in here], np.float32),
+            )
+        )  # fmt: skip
+    return JudgedPlaces(find_things(case, places), find_doubtful(case, places))
 
 
 def _look(

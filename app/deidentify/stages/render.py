@@ -18,7 +18,7 @@ from guise.aam.landmarks import iou
 from guise.aam.parsing import HeadParser
 from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
-from guise.app.deidentify.covers import FOUND, NOT_DRAWN, TURNED, numbered
+from guise.app.deidentify.covers import FOUND, NOT_DRAWN, THING, TURNED, numbered
 from guise.app.deidentify.stages.audit import AuditDetection, DrawnFace, share_within
 from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.gaps import Gaps
@@ -27,6 +27,7 @@ from guise.app.deidentify.stages.head_matte import Gap, find_head
 from guise.app.deidentify.stages.label import Label
 from guise.app.deidentify.stages.plate import plate_of
 from guise.app.deidentify.stages.smooth import FILTER_CONTEXT_FRAMES, smooth
+from guise.app.deidentify.stages.things import Thing, known_things
 from guise.app.deidentify.tracks import Track
 from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
@@ -34,10 +35,10 @@ from guise.app.drawing.look import DISGUISE
 from guise.app.media import Frame
 from guise.app.swapping.cover import Covering
 from guise.app.swapping.donors import open_donor
-from guise.app.swapping.policy import COVERED, NOBODY, SWAPPED, FaceTreatment, frames_within
+from guise.app.swapping.policy import COVERED, LEFT, NOBODY, SWAPPED, FaceTreatment, frames_within
 from guise.app.swapping.policy import LIMITS as POLICY
 from guise.app.swapping.session import FaceRow, SwapSession
-from guise.common.arrays import F64
+from guise.common.arrays import F32, F64
 from guise.common.closing import Closing
 
 
@@ -77,13 +78,18 @@ class SegmentRenderer(Closing):
         self._plates: dict[int, Plate | None] = {}  # by shot
         self._gaps = _gaps(case, segment)
         self._label: Label | None = None
+        self.things = known_things(case)
+        self.treated: dict[
+            int, list[FaceTreatment]
+        ] = {}  # by frame, `entries` with what was decided by the picture
         self._last = {e.who: frame for frame in sorted(entries) for e in entries[frame] if e.done == SWAPPED}
         self.drawn: dict[int, list[DrawnFace]] = defaultdict(list)  # by frame
         self.done: dict[int, list[FaceTreatment]] = {}  # by frame, as `entries`, but as it is in the picture
 
     def draw(self, frame: Frame) -> None:
         """Change a frame in place: swaps first, so that covers lie over them."""
-        entries = self.entries.get(frame.index, [])
+        entries = [self._seen(frame, one) for one in self.entries.get(frame.index, [])]
+        self.treated[frame.index] = entries
         drawn = self.drawn[frame.index] = []
         shapes = {one.who: self._shape(frame, one.who) for one in entries if one.done == SWAPPED}
         known = {who: shape for who, shape in shapes.items() if shape is not None}
@@ -106,6 +112,13 @@ class SegmentRenderer(Closing):
         if self._case.options.label:
             self._label = self._label or Label(frame.width, frame.height)
             self._label.draw(frame)
+
+    def _seen(self, frame: Frame, one: FaceTreatment) -> FaceTreatment:
+        """What is to be done with a face in a frame; a thing is left where nobody is before it."""
+        if one.reason != THING:
+            return one
+        is_bare = any(thing.is_at(one.box) and thing.is_bare(frame.luma) for thing in self.things)
+        return replace(one, done=LEFT) if is_bare else one
 
     @property
     def renderer(self) -> str:
@@ -251,33 +264,48 @@ def entries_of(plan: dict[str, NDArray[Any]], first: int, last: int) -> dict[int
     return entries
 
 
+@dataclass(frozen=True, eq=False)
+class JudgedPlaces:
+    """What is known of places at which the audit found something: things, and boxes (4,) of what may be none."""
+
+    things: Sequence[Thing] = ()
+    doubtful: Sequence[F32] = ()
+
+
 def with_detections(
-    entries: dict[int, list[FaceTreatment]], detections: Sequence[AuditDetection], first: int, last: int, rate: float
+    entries: dict[int, list[FaceTreatment]], detections: Sequence[AuditDetection], first: int, last: int, rate: float,
+    judged: JudgedPlaces = JudgedPlaces(),
 ) -> dict[int, list[FaceTreatment]]:  # fmt: skip
     """The entries, with the faces that the audit found covered in the frames about each.
 
     What is found once more at the same place, beyond those frames, rests there: it is covered in all of them, unless it
-    is a face that is followed, whose every frame is judged.   rate : frames a second.
+    is a face that is followed, whose every frame is judged.  What is doubtful is covered from one sight to the next
+    only, if that isn't far.   rate : frames a second.
     """
-    about = frames_within(POLICY.near_seconds, rate)
+    about, far = (frames_within(seconds, rate) for seconds in (POLICY.near_seconds, POLICY.max_gap_seconds))
     more = defaultdict(list, {frame: list(these) for frame, these in entries.items()})
-    for one, number in zip(detections, _numbers(detections, last - first), strict=True):
+    for one, number in zip(detections, numbers_of(detections, last - first), strict=True):
         is_followed = any(
             entry.done == SWAPPED and iou(entry.box, one.box) > LIMITS.same_place_iou
             for entry in entries.get(one.frame, [])
         )
-        rests = not is_followed and _rests(one, detections, about)
-        margin = last - first if rests else about
-        for frame in range(max(first, one.frame - margin), min(last, one.frame + margin + 1)):
+        away = [] if is_followed else _others(one, detections, about)
+        before, after = [abs(d) for d in away if -far <= d < 0], [d for d in away if 0 < d <= far]
+        low, high = min(before, default=about), min(after, default=about)
+        if away and not any(iou(box, one.box) > LIMITS.same_place_iou for box in judged.doubtful):
+            low = high = last - first
+        is_thing = any(thing.is_at(one.box) for thing in judged.things)
+        for frame in range(max(first, one.frame - low), min(last, one.frame + high + 1)):
             more[frame].append(
                 FaceTreatment(
-                    NOBODY, COVERED, one.box, 1.0, one.turn, confidence=one.score, reason=FOUND, cover=number
+                    NOBODY, COVERED, one.box, 1.0, one.turn, confidence=one.score,
+                    reason=THING if is_thing else FOUND, cover=number,
                 )
-            )
+            )  # fmt: skip
     return more
 
 
-def _numbers(detections: Sequence[AuditDetection], reach: int) -> list[int]:
+def numbers_of(detections: Sequence[AuditDetection], reach: int) -> list[int]:
     """A number from 1 for each place at which the audit found something."""
     order = sorted(range(len(detections)), key=lambda k: detections[k].frame)
     frames = np.array([detections[k].frame for k in order], np.int32)
@@ -286,9 +314,10 @@ def _numbers(detections: Sequence[AuditDetection], reach: int) -> list[int]:
     return [of[k] for k in range(len(detections))]
 
 
-def _rests(one: AuditDetection, detections: Sequence[AuditDetection], about: int) -> bool:
-    """Whether something is found at the same place in a frame beyond those covered about this one."""
-    return any(
-        abs(one.frame - other.frame) > about and iou(one.box, other.box) > LIMITS.same_place_iou
+def _others(one: AuditDetection, detections: Sequence[AuditDetection], about: int) -> list[int]:
+    """How many frames away something is found at the same place, beyond those covered about this one."""
+    return [
+        other.frame - one.frame
         for other in detections
-    )
+        if abs(one.frame - other.frame) > about and iou(one.box, other.box) > LIMITS.same_place_iou
+    ]
