@@ -33,7 +33,7 @@ from guise.render import make_compositor
 class HeadLimits:
     """Sizes and thresholds."""
 
-    sure_share: float = 0.98  # of the head in a pixel of the still, from which its colour is the head's
+    sure_share: float = 0.9  # of the head in a pixel of the still, from which its colour is the head's
     max_rim_share: float = (
         0.1  # of where heads end at the latest, above the chin: with more the head is not known
     )

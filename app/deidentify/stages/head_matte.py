@@ -49,6 +49,8 @@ class MatteLimits:
     hair_fade: float = 0.25  # above the ends of long hair, likewise
     specks: float = 0.027  # narrower ones are no head
     edge: tuple[float, float] = (0.55, 0.95)  # of a soft edge, where the matte begins and is full
+    strands: float = 0.008  # of an edge that follows the picture,
+    strand_contrast: float = 0.03  # as far as it differs from what is behind it by this share of white
     sure_hair: float = 0.5  # of a pixel that goes in any case, beside the face, below and before the neck
     growth: float = 0.04  # of what goes
     iterations: int = 2  # of GrabCut
@@ -182,7 +184,22 @@ def matte(parser: HeadParser, still: RestFrame) -> F32:
     height, width = still.picture.shape[:2]
     first, last = LIMITS.edge
     whole = found.in_picture(np.asarray(soft, np.float32), (0, 0, width, height))
-    return np.asarray(np.clip((whole - first) / (last - first), 0, 1), np.float32)
+    edge = np.asarray(np.clip((whole - first) / (last - first), 0, 1), np.float32)
+    return np.minimum(_with_strands(edge, still.picture, LIMITS.strands * np.ptp(still.shape[:, 0])), whole)
+
+
+def _with_strands(matte: F32, picture: U8, reach: float) -> F32:
+    """A matte (h, w) whose edge, within a reach in pixels, follows the brightness of a picture (h, w, 3), as hair does.
+
+    K. He, J. Sun and X. Tang, "Guided image filtering", ECCV 2010.
+    """
+    side = (2 * max(1, round(reach)) + 1,) * 2
+    light = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255
+    mean, share = cv2.blur(light, side), cv2.blur(matte, side)
+    spread = cv2.blur(light * light, side) - mean * mean + LIMITS.strand_contrast**2
+    slope = (cv2.blur(light * matte, side) - mean * share) / spread
+    made = cv2.blur(slope, side) * light + cv2.blur(share - slope * mean, side)
+    return np.asarray(np.clip(made, 0, 1), np.float32)
 
 
 class HeadPlaces:
