@@ -33,7 +33,7 @@ class GlanceLimits:
     score_weight: float = 3.0  # of its logit beside the landmarker's:
     min_sum: float = 4.0  # from which it may be a face,
     sure_sum: float = 7.0  # and surely is one
-    likely_score: float = 0.8  # from which it may be one whatever the landmarker says,
+    likely_score: float = 0.7  # from which it may be one whatever the landmarker says,
     certain_score: float = 0.9  # and surely is: it was not shown patterns
 
 
