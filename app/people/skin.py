@@ -15,6 +15,7 @@ from guise.common.arrays import F32, F64, U8
 # Of the middle, below which nothing speaks for a face.  Of hard faces of rendered clips without points (rolled, small,
 # blurred, dark, negative, half out of the picture) 19 in 20 have 0.2 or more, of cuffs, cups, pins and shirts half 0.1.
 MIN_FACE_SHARE = 0.17
+MIN_NEGATIVE_SHARE = 0.34  # the same in the negative, in which dark things look like skin more often
 _MIDDLE = (slice(16, 54), slice(16, 48))  # of the parser's cells, where the features would be
 
 
@@ -33,7 +34,7 @@ class FaceShares:
         if likeness_through(self, rgb, box, turn) >= MIN_FACE_SHARE:
             return True
         crop, to_picture = crop_of_box(rgb, box, turn)
-        return self._share(255 - crop, to_picture) >= MIN_FACE_SHARE
+        return self._share(255 - crop, to_picture) >= MIN_NEGATIVE_SHARE
 
     def _share(self, crop: U8, to_picture: F64) -> float:
         return float(self._parser.of_crop(crop, to_picture).share(*FACE_CLASSES)[_MIDDLE].mean())
