@@ -224,7 +224,9 @@ def train(
     optimiser = torch.optim.AdamW(net.parameters(), lr=rate, weight_decay=0.01)
     schedule = torch.optim.lr_scheduler.LambdaLR(
         optimiser,
-        lambda i: min((i + 1) / warm, 0.5 * (1 + math.cos(math.pi * min(1, max(0, i - warm) / (steps - warm))))),
+        lambda i: min(
+            (i + 1) / warm, 0.5 * (1 + math.cos(math.pi * min(1, max(0, i - warm) / (steps - warm))))
+        ),
     )
     kept, done = output / "state.pt", 0
     if resume and kept.exists():
