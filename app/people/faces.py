@@ -62,7 +62,7 @@ class CandidateLimits:
     side_interval_frames: int = 3  # from one search for parts of faces at the sides to the next
     min_likeness_at_side: float = 3.0
     confirmed_likeness_at_side: float = 5.0
-    glance_interval_frames: int = 3  # from one glance to the next, beside a certain face
+    glance_interval_frames: int = 6  # from one glance to the next, beside a certain face
     support_frames: int = 24  # within which something unlikely needs a likely sight at its place
     sights: int = 2  # others that confirm a candidate,
     sight_frames: int = 6  # within so many frames
@@ -205,7 +205,7 @@ def _seen(rgb: U8) -> tuple[U8, float]:
 
 
 def _glimpsed(glancer: Glancer, rgb: U8, index: int, found: RolledBoxes) -> RolledBoxes:
-    """A glance at a frame, also at another roll; beside an upright face that is certain, at every third frame."""
+    """A glance at a frame, also at another roll; beside an upright face that is certain, at every sixth frame."""
     is_upright = np.abs(found.turns) <= LIMITS.upright_radians
     if not (found.scores[is_upright] >= LIMITS.certain_score).any():
         return glancer.faces(rgb, index, (*UPRIGHT, TURNED[index // CYCLE % len(TURNED)]))
