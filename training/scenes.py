@@ -53,11 +53,15 @@ class Person:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A picture (SIZE, SIZE, 3), boxes (n, 4) of faces to find, and boxes (m, 4) of which nothing is asked."""
+    """A picture (SIZE, SIZE, 3), boxes (n, 4) of faces to find, and boxes (m, 4) of which nothing is asked.
+
+    points : (n, 68, 2) of the faces to find.
+    """
 
     image: Picture
     boxes: Floats
     unsure: Floats
+    points: Floats
 
 
 class Scenes:
@@ -76,7 +80,7 @@ class Scenes:
 
     def make(self, rng: Rng) -> Scene:
         """One scene."""
-        image = self._background(rng)
+        image = self.background(rng)
         owner = np.zeros((SIZE, SIZE), np.int16)
         faces: list[Floats] = []
         faceless: list[bool] = []
@@ -98,7 +102,9 @@ class Scenes:
             "unsure" if k == "face" and _contrast(image, b) < DIM else k
             for k, b in zip(kinds, boxes, strict=True)
         ]
-        return Scene(image, _rows(boxes, kinds, "face"), _rows(boxes, kinds, "unsure"))
+        points = [face for face, kind in zip(faces, kinds, strict=True) if kind == "face"]
+        plain, unsure = (_rows(boxes, kinds, kind) for kind in ("face", "unsure"))
+        return Scene(image, plain, unsure, np.array(points, np.float64).reshape(-1, 68, 2))
 
     def _through(
         self, rng: Rng, image: Picture, faces: Sequence[Floats], kinds: Sequence[str]
@@ -109,7 +115,7 @@ class Scenes:
         near = near + rng.uniform(0.15, 0.9) * (face[NOSE_BASE] - near)
         side = float(np.ptp(face, axis=0).max())
         pitch = float(np.clip(side * np.exp(rng.uniform(np.log(0.1), np.log(0.8))), 4, 160))
-        image, opacity = before(rng, image, pitch, near, self._background(rng))
+        image, opacity = before(rng, image, pitch, near, self.background(rng))
         kinds = [
             "unsure" if kind == "face" and not is_plain(opacity, face) else kind
             for kind, face in zip(kinds, faces, strict=True)
@@ -126,9 +132,10 @@ class Scenes:
         else:
             i = int(rng.integers(len(self.rendered)))
             image, points = self.rendered.images[i], self.rendered.points[i, IBUG68].astype(np.float64)
-        return _shuffled(rng, image) if rng.random() < 0.5 else _enlarged(rng, image, points)
+        return _shuffled(rng, image, points) if rng.random() < 0.5 else _enlarged(rng, image, points)
 
-    def _background(self, rng: Rng) -> Picture:
+    def background(self, rng: Rng) -> Picture:
+        """A part of a background (SIZE, SIZE, 3)."""
         whole = self.backgrounds[int(rng.integers(len(self.backgrounds)))]
         side = int(rng.uniform(0.4, 1) * _BACKGROUND_SIZE)
         y, x = rng.integers(0, _BACKGROUND_SIZE - side + 1, 2)
@@ -182,9 +189,10 @@ def _enlarged(rng: Rng, image: Picture, points: Floats) -> Picture:
     return np.asarray(np.rot90(grown, int(rng.integers(4))), np.uint8)
 
 
-def _shuffled(rng: Rng, image: Picture) -> Picture:
-    """A picture cut into small squares, which are turned and put together in another order."""
-    count = int(rng.integers(6, 15))
+def _shuffled(rng: Rng, image: Picture, points: Floats) -> Picture:
+    """A picture cut into squares of half a face at most, which are turned and put together in another order."""
+    side = float(np.ptp(points, axis=0).max())
+    count = max(int(rng.integers(6, 15)), int(np.ceil(2 * max(image.shape) / side)))
     side = -(-_BACKGROUND_SIZE // count)
     whole = cv2.resize(image, (count * side, count * side), interpolation=cv2.INTER_LINEAR)
     pieces = whole.reshape(count, side, count, side, 3).swapaxes(1, 2).reshape(-1, side, side, 3)

@@ -15,9 +15,12 @@ import copy
 import csv
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Any, Generic, TypeVar
 
 import cv2
 import numpy as np
@@ -28,7 +31,7 @@ from onnx import numpy_helper
 from torch import Tensor, nn
 from torch.utils.data import DataLoader, IterableDataset
 
-from guise.common.arrays import F32, U8
+from guise.common.arrays import F32
 from training.backgrounds import faceless_photos
 from training.data import load_parts
 from training.detector_net import STRIDES, UNIT, DetectorNet
@@ -42,7 +45,8 @@ BESIDE = 0.8  # cells, within which of the true centre a cell may say so too: el
 LEARNED = 0.3  # cells under a bump at least that high learn the box, as do those beside the centre
 VALIDATION_SCENES = 160
 
-Batch = tuple[U8, list[F32]]
+Batch = tuple[Any, list[F32]]
+Net = TypeVar("Net", bound=nn.Module)
 
 
 class Samples(IterableDataset[Batch]):
@@ -60,9 +64,13 @@ class Samples(IterableDataset[Batch]):
         for number in range(self.first + start, self.steps, step):
             rng = np.random.default_rng([self.seed, 2, number])
             cv2.setRNGSeed(int(rng.integers(1 << 31)))
-            scenes = [self.scenes.make(rng) for _ in range(self.batch)]
-            targets = [np.stack([target(s, level) for s in scenes]) for level in range(len(STRIDES))]
-            yield np.stack([s.image for s in scenes]), targets
+            yield self.made(rng)
+
+    def made(self, rng: np.random.Generator) -> Batch:
+        """One batch: pictures (batch, SIZE, SIZE, 3), and what each level is to answer."""
+        scenes = [self.scenes.make(rng) for _ in range(self.batch)]
+        targets = [np.stack([target(s, level) for s in scenes]) for level in range(len(STRIDES))]
+        return np.stack([s.image for s in scenes]), targets
 
 
 def target(scene: Scene, level: int) -> F32:
@@ -204,21 +212,28 @@ def _in_order(net: DetectorNet) -> list[tuple[nn.Conv2d, nn.BatchNorm2d | None]]
     ]
 
 
-def train(
-    net: DetectorNet,
-    samples: Samples,
-    validation: list[Scene],
-    rate: float,
-    workers: int,
-    output: Path,
-    *,
-    frozen: bool,
-    resume: bool,
-) -> DetectorNet:
-    """Run all steps, warm up then cosine to zero; the running average of the weights.
+@dataclass(frozen=True)
+class Course(Generic[Net]):
+    """How a network learns from batches of scenes.
 
-    frozen : keep the normalisations' means and variances.
+    loss_of : of what the network gives and the targets of a batch, with its parts by name.
+    validate : figures of the running average of the weights.
+    output : folder.   frozen : keep the normalisations' means and variances.
     """
+
+    loss_of: Callable[[Any, list[Tensor]], tuple[Tensor, dict[str, float]]]
+    validate: Callable[[Net], dict[str, float]]
+    rate: float
+    workers: int
+    output: Path
+    frozen: bool = False
+    resume: bool = False
+    name: str = "detector"
+
+
+def train(net: Net, samples: Samples, course: Course[Net]) -> Net:
+    """Run all steps, warm up then cosine to zero; the running average of the weights."""
+    rate, workers, output = course.rate, course.workers, course.output
     average = copy.deepcopy(net)
     steps, warm = samples.steps, min(200, samples.steps // 5)
     optimiser = torch.optim.AdamW(net.parameters(), lr=rate, weight_decay=0.01)
@@ -229,7 +244,7 @@ def train(
         ),
     )
     kept, done = output / "state.pt", 0
-    if resume and kept.exists():
+    if course.resume and kept.exists():
         state = torch.load(kept, weights_only=True)
         for part, name in (
             (net, "net"),
@@ -240,43 +255,43 @@ def train(
             part.load_state_dict(state[name])
         samples.first = done = state["step"]
     loader = DataLoader(samples, batch_size=None, num_workers=workers, prefetch_factor=6 if workers else None)
-    start, sums = time.time(), {"heat": 0.0, "box": 0.0}
+    start, sums = time.time(), dict[str, float]()
     for step, (images, targets) in enumerate(loader, done + 1):
         net.train()
-        if frozen:
+        if course.frozen:
             _freeze(net)
         with torch.autocast("cpu", torch.bfloat16):
             found = net(images)
-        loss, figures = loss_of(found, targets)
+        loss, figures = course.loss_of(found, targets)
         optimiser.zero_grad()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(net.parameters(), 5.0)
         optimiser.step()
         schedule.step()
         _follow(average, net, min(0.997, step / (step + 20)))
-        sums = {k: v + figures[k] for k, v in sums.items()}
+        sums = {k: sums.get(k, 0.0) + v for k, v in figures.items()}
         if step % 250 == 0 or step == steps:
             count = step % 250 or 250
             row = {"step": step, "seconds": round(time.time() - start)}
             row |= {k: f"{v / count:.4f}" for k, v in sums.items()}
-            row |= {k: f"{v:.4f}" for k, v in validate(average, validation).items()}
+            row |= {k: f"{v:.4f}" for k, v in course.validate(average).items()}
             _log(output / "curves.csv", row)
-            torch.save(average.state_dict(), output / "detector.pt")
+            torch.save(average.state_dict(), output / f"{course.name}.pt")
             state = {"net": net, "average": average, "optimiser": optimiser, "schedule": schedule}
             torch.save({k: v.state_dict() for k, v in state.items()} | {"step": step}, output / "state.part")
             (output / "state.part").replace(kept)
-            sums = dict.fromkeys(sums, 0.0)
+            sums = {}
     return average
 
 
-def _freeze(net: DetectorNet) -> None:
+def _freeze(net: nn.Module) -> None:
     for module in net.modules():
         if isinstance(module, nn.BatchNorm2d):
             module.eval()
 
 
 @torch.no_grad()
-def _follow(average: DetectorNet, net: DetectorNet, keep: float) -> None:
+def _follow(average: nn.Module, net: nn.Module, keep: float) -> None:
     for mine, new in zip(average.state_dict().values(), net.state_dict().values(), strict=True):
         if mine.dtype.is_floating_point:
             mine.lerp_(new, 1 - keep)
@@ -336,10 +351,12 @@ def main() -> None:
         load(net, options.start)
     samples = Samples(scenes, options.steps, options.batch, options.seed)
     net = net.to(memory_format=torch.channels_last)
-    average = train(
-        net, samples, validation, options.rate, options.workers, options.output,
-        frozen=options.start is not None and options.start.suffix == ".onnx", resume=options.resume,
+    frozen = options.start is not None and options.start.suffix == ".onnx"
+    course = Course(
+        loss_of, partial(validate, scenes=validation), options.rate, options.workers, options.output, frozen=frozen,
+        resume=options.resume,
     )  # fmt: skip
+    average = train(net, samples, course)
     export(average, options.output / "detector.onnx")
 
 
