@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
 import pytest
 from made_up import SAMPLES
 
+from guise.aam.changes import Part
 from guise.aam.landmarks import Face, LandmarkError, iou
+from guise.aam.landmarks.rolls import RolledBoxes
 from guise.aam.landmarks.schemes import COUNT, IBUG68
 from guise.app.deidentify.stages.audit import (
     LIMITS,
@@ -155,7 +159,20 @@ def test_what_the_detector_doubts_needs_points_or_must_look_much_like_a_face(
     monkeypatch.setattr(search()._landmarker, "look_in_box", lambda *_: (face, likeness))
     monkeypatch.setattr(search()._landmarker, "likeness", lambda *_: likeness)
     monkeypatch.setattr(search()._shares, "has_face", lambda *_: skin)
-    assert search()._has_face(np.zeros((8, 8, 3), np.uint8), BOX, score, 0.0, no_points) == is_face
+    assert search()._has_face(np.zeros((80, 80, 3), np.uint8), BOX, score, 0.0, no_points) == is_face
+
+
+@pytest.mark.parametrize("width", [80, 40])
+@pytest.mark.parametrize("aside", [0, 30])
+def test_points_beside_a_box_and_a_box_beyond_a_side_need_more(
+    monkeypatch: pytest.MonkeyPatch, aside: float, width: int
+) -> None:
+    """A box that is sure counts within the picture; one that isn't, with points that lie in it."""
+    rgb, face = np.zeros((80, width, 3), np.uint8), Face(np.zeros((COUNT, 2), np.float32), 0.9, BOX + aside)
+    monkeypatch.setattr(search()._landmarker, "look_in_box", lambda *_: (face, 2.5))
+    monkeypatch.setattr(search()._landmarker, "likeness", lambda *_: 2.5)
+    assert search()._has_face(rgb, BOX, 0.6, 0.0, 4.0) == (aside == 0)
+    assert search()._has_face(rgb, BOX, 0.8, 0.0, 4.0) == (width == 80)
 
 
 def test_once_a_negative_has_a_face_all_are_searched() -> None:
@@ -279,6 +296,42 @@ def test_another_detector_searches_instead() -> None:
     assert max(iou(one, box) for one in with_lbp.boxes) > 0.4
     with pytest.raises(LandmarkError, match="face detector must be one of"):
         AuditSearch("magic")
+
+
+def test_the_result_is_searched_where_it_differs() -> None:
+    rgb, box = still()
+    entries = {0: [treated(box, COVERED)]}
+    audit = Audit(search(), FRAMES, entries, RATE, every_frame=True)
+    audit.before([Frame.from_rgb(rgb)], entries)
+    after, searched = rgb.copy(), []
+    x0, y0, x1, y1 = box.astype(int)
+    after[y0:y1, x0:x1] = 90
+    audit._search = cast(AuditSearch, _Watched(searched))
+    assert not list(audit.after([Frame.from_rgb(after)], entries, {}))
+    for (left, top, right, bottom), *others in searched:
+        assert not others
+        assert left < x0
+        assert top < y0
+        assert right > x1
+        assert bottom > y1
+        assert (right - left) * (bottom - top) < 0.6 * rgb.shape[0] * rgb.shape[1]
+    assert len(searched) == 2  # as it is, and as a negative
+
+
+class _Watched:
+    """A search that only notes where."""
+
+    def __init__(self, searched: list[Sequence[Part]]) -> None:
+        self._searched = searched
+
+    def faces(
+        self, rgb: np.ndarray, size: int, no_points: float = 0, within: Sequence[Part] = ()
+    ) -> RolledBoxes:
+        self._searched.append(within)
+        return RolledBoxes.none()
+
+    def is_alike(self, luma: np.ndarray, box: np.ndarray, turn: float) -> bool:
+        return search().is_alike(luma, box, turn)
 
 
 @pytest.mark.parametrize("spec", ["lbp", pytest.param(f"yunet:{YUNET}", marks=needs_yunet)])

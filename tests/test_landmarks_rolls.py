@@ -21,7 +21,6 @@ from guise.aam.landmarks.rolls import (
     UPRIGHT,
     RolledBoxes,
     detect_at_rolls,
-    detect_at_turns,
     detect_on_schedule,
     nearest_quarter,
     turn_of,
@@ -150,17 +149,6 @@ def test_beside_a_sure_large_face_only_that_is_searched_in_between(
         upright = found.boxes[found.turns == 0]
         np.testing.assert_allclose(upright, detect_at_rolls(White(), white(), UPRIGHT).boxes, atol=1)
     assert [detector.calls for detector in detectors] == calls
-
-
-@pytest.mark.parametrize("degrees", [0, 22.5, 90, 112.5, 200, 337.5])
-def test_a_turned_face_has_its_box_in_the_picture_at_any_turn(degrees: float) -> None:
-    rgb, truth = rolled(*still(), degrees)
-    found = detect_at_turns(FaceDetector(), rgb, [np.radians(degrees)])
-    upright = FaceDetector().detect(still()[0])[0]
-    box = found.boxes[int(np.argmax(found.scores))]
-    np.testing.assert_allclose(box[2:] - box[:2], upright[2:] - upright[:2], rtol=0.15)
-    middle, size = (truth[IBUG68].min(0) + truth[IBUG68].max(0)) / 2, float((upright[2:] - upright[:2]).max())
-    assert np.linalg.norm((box[:2] + box[2:]) / 2 - middle) < 0.15 * size
 
 
 def test_a_detector_whose_boxes_lie_above_the_landmarks_is_corrected_at_any_roll() -> None:

@@ -27,6 +27,7 @@ LANDMARK_BATCHES, LANDMARK_BATCH = 7000, 128
 REFINEMENT_BATCHES, REFINEMENT_RATE = 2200, 5e-4  # of 32
 HEAD_PEOPLE, FIRST_HEAD, PICTURES_PER_HEAD = 560, 30_000, 12
 HEAD_COURSES = (6500, 6e-4), (5000, 4e-4)  # batches of 32, rate
+AUDIT_PEOPLE, FIRST_AUDIT, PICTURES_PER_AUDIT, AUDIT_BATCHES = 150, 40_000, 12, 5000  # people of its own
 GROUPS = 60  # of people whose faces are swapped
 TURNING_PEOPLE = 600
 PLACEMENT_BATCHES = 4000
@@ -208,6 +209,19 @@ class Plan:
             steps=self._sized(DETECTOR_BATCHES),
         )
         yield Task("detector", [train], detector / "detector.onnx")
+        parts, audit = self.work / "audit parts", self.work / "audit"
+        people = self._sized(AUDIT_PEOPLE, 40)
+        render = self._rendering(parts, FIRST_AUDIT, people, per_person=PICTURES_PER_AUDIT)
+        yield Task("audit people", render, parts / "complete")
+        train = command(
+            "train_audit",
+            "--resume",
+            parts=parts,
+            real=self.data,
+            output=audit,
+            steps=self._sized(AUDIT_BATCHES),
+        )
+        yield Task("audit", [train], audit / "audit.onnx")
         train = command(
             "train_recognition", parts=self._parts, photographs=self._photographs, output=recognition
         )
@@ -263,6 +277,7 @@ class Plan:
             self.work / "head" / "head.onnx": DATA / "head.onnx",
             self.work / "head" / "head.md": DATA / "head.md",
             self.work / "detector" / "detector.onnx": DATA / "detector.onnx",
+            self.work / "audit" / "audit.onnx": DATA / "audit.onnx",
             self.work / "recognition.npz": DATA / "recognition.npz",
             self.work / "placement.npz": DATA / "placement.npz",
             self.work / "views.npz": DATA / "views.npz",

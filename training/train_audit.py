@@ -26,7 +26,7 @@ from guise.common.arrays import F32, F64, U8
 from training.audit_net import SIDES, STRIDE, UNIT, AuditNet
 from training.backgrounds import faceless_photos
 from training.data import load_parts
-from training.scenes import CLEAR, SIZE, Scene, Scenes, real_people
+from training.scenes import SIZE, Scene, Scenes, real_people
 from training.stored_weights import halve
 from training.train_detector import Batch, Course, Samples, train
 
@@ -36,7 +36,8 @@ MAY = (10.0, 32.0)  # pixels, sides of faces that a cell may answer for
 CORE, RIM = 0.7, 1.2  # of a face's ellipse, within which cells say so, and beyond which they must not
 AGAIN = 12  # times that a scene is shown, each time turned, scaled and cut otherwise
 AIMED = 0.7  # of the crops are about a face, at a side that the cells may answer for
-FALSE = 0.25  # weight of cells that are in no face
+IN_SIGHT = 0.3  # share of the points of a face that a crop cuts, from which cells say so
+FALSE = 0.5  # weight of cells that are in no face
 RECENT = 800  # scenes from which those shown again are taken
 VALIDATION_SCENES = 160
 
@@ -96,9 +97,11 @@ def _taken(rng: Rng, scene: Scene, beyond: U8, at: F64, angle: float, zoom: floa
     points = scene.points @ linear.T + shift
     seen = ((points >= 0) & (points < CROP)).all(2).mean(1) if len(points) else np.zeros(0)
     corners = scene.unsure[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 4, 2) @ linear.T + shift
-    cut = points[(seen < CLEAR) & (seen > 0)]
+    cut = points[(seen < IN_SIGHT) & (seen > 0)]
     unsure = [np.concatenate([c.min(0), c.max(0)]) for c in (*corners, *cut)]
-    return Scene(taken, _boxes(points[seen >= CLEAR]), np.array(unsure).reshape(-1, 4), points[seen >= CLEAR])
+    return Scene(
+        taken, _boxes(points[seen >= IN_SIGHT]), np.array(unsure).reshape(-1, 4), points[seen >= IN_SIGHT]
+    )
 
 
 def _boxes(points: F64) -> F64:
@@ -156,8 +159,8 @@ def loss_of(found: Tensor, targets: list[Tensor]) -> tuple[Tensor, dict[str, flo
     faces, p = share.sum().clamp(min=1), torch.sigmoid(logit)
     missed = (4 * share * (1 - p) ** 2 * F.softplus(-logit)).sum() / faces
     false = (FALSE * (1 - face) * weight * p**2 * F.softplus(logit)).sum() / faces
-    off = (maps[:, 1:] - wanted[:, 3:]).abs()
-    error = off[:, :2].sum(1) + 2 * off[:, 2:4].sum(1) + 0.5 * off[:, 4:].sum(1)
+    off = maps[:, 1:] - wanted[:, 3:]
+    error = off[:, :2].abs().sum(1) + 2 * off[:, 2:4].abs().sum(1) + 2 * (off[:, 4:] ** 2).sum(1)
     answers = (share * error).sum() / faces
     figures = {"missed": missed, "false": false, "answers": answers}
     return missed + false + answers, {k: float(v.detach()) for k, v in figures.items()}

@@ -299,13 +299,14 @@ def strongest_indices(boxes: NDArray[Any], scores: NDArray[Any], min_score: floa
     """Which boxes :func:`strongest` keeps, in its order."""
     kept: list[int] = []
     for i in np.argsort(-scores, kind="stable"):
-        if scores[i] >= min_score and not any(_is_same(boxes[i], boxes[j]) for j in kept):
+        if scores[i] >= min_score and not any(is_same(boxes[i], boxes[j]) for j in kept):
             kept.append(int(i))
     areas = np.prod(boxes[kept, 2:] - boxes[kept, :2], axis=1)
     return np.array(kept, dtype=np.intp)[np.argsort(-areas, kind="stable")]
 
 
-def _is_same(a: NDArray[Any], b: NDArray[Any]) -> bool:
+def is_same(a: NDArray[Any], b: NDArray[Any]) -> bool:
+    """Whether two boxes (4,) are taken for one face's."""
     centre_a, centre_b = (a[:2] + a[2:]) / 2, (b[:2] + b[2:]) / 2
     smaller = min(a[2] - a[0], b[2] - b[0])
     return iou(a, b) > SETTINGS.max_distinct_iou or bool(np.abs(centre_a - centre_b).max() < smaller / 2)

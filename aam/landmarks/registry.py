@@ -13,6 +13,7 @@ Other kinds join through :func:`register_landmarker` and :func:`register_detecto
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 
 from guise.aam.landmarks.face import BoxDetector, Landmarker, LandmarkError
@@ -79,6 +80,24 @@ def open_detector(spec: str) -> BoxDetector:
     if name not in _DETECTORS:
         raise LandmarkError(f"face detector must be one of {', '.join(detector_usages())}; got {spec!r}")
     return _DETECTORS[name][1](argument)
+
+
+class DetectorPerThread:
+    """A detector for each thread that asks for one: those of OpenCV keep the picture that they are searching.
+
+    spec : as `open_detector` takes it; the first is opened at once, so that errors show.
+    """
+
+    def __init__(self, spec: str) -> None:
+        self._spec, self._opened = spec, threading.local()
+        self.own()
+
+    def own(self) -> BoxDetector:
+        """The detector of this thread."""
+        if not hasattr(self._opened, "detector"):
+            self._opened.detector = open_detector(self._spec)
+        detector: BoxDetector = self._opened.detector
+        return detector
 
 
 def _split_detector(spec: str) -> tuple[str, str, str]:

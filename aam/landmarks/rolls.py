@@ -24,7 +24,6 @@ UPRIGHT = (0,)
 TURNED = (1, 2, 3)
 HALF_TURN = 2
 EVERY_ROLL = (*UPRIGHT, *TURNED)
-_BEYOND_GREY_LEVEL = 112  # of what lies beyond a turned picture's edges
 _TURNED_INTERVAL = 3  # pictures from one search at another roll than upright to the next
 SCHEDULE_FRAMES = _TURNED_INTERVAL * len(TURNED)
 _TURNS = (0.0, np.pi / 2, np.pi, -np.pi / 2)
@@ -70,6 +69,12 @@ class RolledBoxes:
             (self.boxes + np.float32(0.5)) * np.float32(factor) - np.float32(0.5), self.scores, self.turns
         )
 
+    def moved(self, right: float, down: float) -> RolledBoxes:
+        """The boxes in a picture of which this one is a part whose corner is that far right and down."""
+        return RolledBoxes(
+            self.boxes + np.array([right, down, right, down], np.float32), self.scores, self.turns
+        )
+
     def distinct(self) -> RolledBoxes:
         """Of boxes that overlap, the one with the highest score; largest first.
 
@@ -96,19 +101,6 @@ def detect_at_rolls(
         boxes = _in_picture(boxes, quarter_turn, image.shape[1], image.shape[0])
         turns = np.full(len(boxes), _TURNS[quarter_turn], np.float32)
         found = found.and_others(RolledBoxes(boxes, scores, turns))
-    return found
-
-
-def detect_at_turns(detector: ScoredDetector, image: U8, turns: Sequence[float]) -> RolledBoxes:
-    """Faces at any turns; the box of a turned face is the one of the same size that stands upright about its middle."""
-    found = RolledBoxes.none()
-    for turn in turns:
-        picture, to_image = _upright_at(image, turn)
-        boxes, scores = detector.detect_scored(picture)
-        centres = (boxes[:, :2] + boxes[:, 2:]) / 2 @ to_image[:, :2].T + to_image[:, 2]
-        half = (boxes[:, 2:] - boxes[:, :2]) / 2
-        moved = np.concatenate([centres - half, centres + half], axis=1).astype(np.float32)
-        found = found.and_others(RolledBoxes(moved, scores, np.full(len(moved), turn, np.float32)))
     return found
 
 
@@ -168,19 +160,6 @@ def upward(turn: float) -> F64:
 
 def _turned_back(image: U8, quarter_turn: int) -> U8:
     return np.asarray(cv2.rotate(image, _TURN_BACK[quarter_turn]), np.uint8) if quarter_turn else image
-
-
-def _upright_at(image: U8, turn: float) -> tuple[U8, F64]:
-    """All of a picture turned back, on grey, and the affine map (2, 3) from it to the picture."""
-    size = np.array(image.shape[1::-1])
-    cos, sin = np.cos(turn), np.sin(turn)
-    back = np.array([[cos, sin], [-sin, cos]])
-    room = np.ceil(np.abs(back) @ size).astype(int)
-    shift = (room - 1) / 2 - back @ ((size - 1) / 2)
-    picture = cv2.warpAffine(
-        image, np.column_stack([back, shift]), room.tolist(), borderValue=(_BEYOND_GREY_LEVEL,) * 3
-    )
-    return np.asarray(picture, np.uint8), np.column_stack([back.T, -back.T @ shift])
 
 
 def _in_picture(boxes: Floating, quarter_turn: int, width: int, height: int) -> F32:

@@ -2,7 +2,7 @@
 
 `aam/data/audit.onnx` is made by `training/train_audit.py` (`aam/data/audit.md` has data, licence and figures).  It is
 no kin of the built-in detector, which looks for centres of upright faces: each part of a face tells where the whole
-is, how large, and how it is rolled.  So a face that the picture's side cuts has votes, too.
+is, how large, and how it is rolled.
 
 Pixels, x right, y down, pixel centres at integers; turns in radians, by which a face is rolled clockwise.  The box of a
 rolled face is the one of the same size that stands upright about its middle.
@@ -35,6 +35,12 @@ class VoteLimits:
     same_log_size: float = 0.5  # between sides
     expected: float = 0.2  # votes, as a share of the cells of a face's box
     smallest_level_pixels: int = 16  # longer side of the smallest picture
+    margin_share: float = (
+        0.125  # of the longer side, mirrored at left and right: a cut face is whole beside it
+    )
+    max_beyond: float = (
+        0.25  # widths of a box, by which its middle may lie beyond a side: else it is a mirror image
+    )
 
 
 LIMITS = VoteLimits()
@@ -106,28 +112,41 @@ class VotingDetector:
         self._session = ShippedNetwork("audit.onnx", threads)
 
     def search(self, image: U8, smallest: float) -> RolledBoxes:
-        """Faces of at least `smallest` pixels in a picture RGB (h, w, 3)."""
-        maps, factors = [], []
-        for picture, factor in levels(image, smallest):
-            given = {"image": whole_blocks(picture)[None]}
-            maps.append(self._session.run(None, given)[0][0])
-            factors.append(factor)
-        return Votes.of(maps, factors).boxes(self._min_score)
+        """Faces of at least `smallest` pixels in a picture RGB (h, w, 3), also those that its sides cut."""
+        pictures = levels(image, smallest)
+        maps = [self._session.run(None, {"image": whole_blocks(one.image)[None]})[0][0] for one in pictures]
+        found = Votes.of(maps, [one.factor for one in pictures]).boxes(self._min_score)
+        found = found.moved(-pictures[0].margin * pictures[0].factor, 0)
+        centres, widths = found.boxes[:, [0, 2]].mean(1), found.boxes[:, 2] - found.boxes[:, 0]
+        beyond = np.maximum(-centres, centres - image.shape[1]) > LIMITS.max_beyond * widths
+        return found[~beyond]
 
 
-def levels(image: U8, smallest: float) -> list[tuple[U8, float]]:
-    """The picture at sizes of which each is half the one before, and by what factor each is smaller."""
+@dataclass(frozen=True, eq=False)
+class Level:
+    """A picture made smaller by a factor, with mirrored margins of so many pixels at left and right."""
+
+    image: U8
+    factor: float
+    margin: float
+
+
+def levels(image: U8, smallest: float) -> list[Level]:
+    """The picture at sizes of which each is half the one before; in the first, `smallest` pixels are `SMALLEST`."""
     factor = max(1.0, smallest / SMALLEST)
-    made: list[tuple[U8, float]] = []
-    longest = max(image.shape[:2])
-    while not made or longest / factor >= LIMITS.smallest_level_pixels:
-        size = [max(1, round(side / factor)) for side in image.shape[1::-1]]
-        image_here = image if not made else made[-1][0]
-        made.append(
-            (np.asarray(cv2.resize(image_here, size, interpolation=cv2.INTER_AREA), np.uint8), factor)
-        )
-        factor *= 2
+    small = _smaller(image, factor)
+    margin = min(round(LIMITS.margin_share * max(small.shape)), small.shape[1])
+    small = np.asarray(cv2.copyMakeBorder(small, 0, 0, margin, margin, cv2.BORDER_REFLECT), np.uint8)
+    made = [Level(small, factor, margin)]
+    while max(made[-1].image.shape) / 2 >= LIMITS.smallest_level_pixels:
+        last = made[-1]
+        made.append(Level(_smaller(last.image, 2), 2 * last.factor, last.margin / 2))
     return made
+
+
+def _smaller(image: U8, factor: float) -> U8:
+    size = [max(1, round(side / factor)) for side in image.shape[1::-1]]
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def whole_blocks(image: U8) -> U8:

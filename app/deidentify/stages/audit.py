@@ -1,18 +1,17 @@
 """The audit of a rendered segment: original and result are searched for faces, and compared where either has one.
 
-It does not rely on what found the faces.  It searches at four rolls between those of the first stage and at two other
-sizes, where it also looks for parts of faces at the picture's sides, or by a detector of the user's choice, and in the
-original as well: a face that the first stage missed is found in both.  It also compares every face that is said to be
-swapped with the original.  Searched are one frame in `AuditLimits.interval_frames`, frames without a face shortly
-before or after one, and those about what was found; every frame with ``--audit full``.  Some are searched as negatives,
-too, and all after a negative that has a face.  Where no face is swapped, it is looked for what patterns may hide, see
-`doubt`.  Pixels as shown; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; turns in radians, by which a face is rolled
-clockwise.
+It does not rely on what found the faces.  It searches by a network of another kind, at any roll and two sizes in turn,
+or by a detector of the user's choice, and in the original as well: a face that the first stage missed is found there.
+The result is searched where it differs from the original: the rest shows what was searched already.  Every face that
+is said to be swapped is also compared with the original.  Searched are one frame in `AuditLimits.interval_frames`,
+frames without a face shortly before or after one, and those about what was found; every frame with ``--audit full``.
+Some are searched as negatives, too, and all after a negative that has a face.  Where no face is swapped, it is looked
+for what patterns may hide, see `doubt`.  Pixels as shown; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; turns in
+radians, by which a face is rolled clockwise.
 """
 
 from __future__ import annotations
 
-import threading
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -23,12 +22,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.landmarks import iou, open_detector
+from guise.aam.changes import Part, changed_parts
+from guise.aam.landmarks import iou
+from guise.aam.landmarks.boxes import is_same
 from guise.aam.landmarks.builtin import BuiltinLandmarker
-from guise.aam.landmarks.detector import MIN_FACE_PIXELS, FaceDetector
-from guise.aam.landmarks.face import BoxDetector
-from guise.aam.landmarks.rolls import RolledBoxes, detect_at_rolls, detect_at_turns
-from guise.aam.landmarks.sides import detect_at_sides
+from guise.aam.landmarks.glances import is_surely_face, likeness_through
+from guise.aam.landmarks.registry import DetectorPerThread
+from guise.aam.landmarks.rolls import RolledBoxes, detect_at_rolls
+from guise.aam.landmarks.voting import VotingDetector
 from guise.app.deidentify.stages.doubt import Doubt, DoubtSearch
 from guise.app.media import Frame
 from guise.app.people.looks import small_picture
@@ -49,7 +50,7 @@ class AuditLimits:
         4  # from one of the regularly searched frames to the next whose negative is searched
     )
     smallest_face_pixels: tuple[float, float] = (30.0, 44.0)  # in turn
-    min_score: float = 0.5  # of the detector, and
+    min_score: float = 0.45  # of the detector, and
     min_likeness: float = 0.0  # of the landmarker, where the detector's is at least
     certain_score: float = 0.75  # and below that,
     min_likeness_uncertain: float = 2.0  # with points of at least
@@ -57,6 +58,8 @@ class AuditLimits:
     min_likeness_no_points: float = 4.0  # without, as of a profile, if it has skin or
     high_likeness: float = 6.0  # this likeness,
     min_likeness_negative: float = 8.0  # and without in the negative of what may be none
+    max_beyond_share: float = 0.15  # of a box's width beyond a side, from which it is cut and
+    min_likeness_cut: float = 3.0  # needs this: beside its mirror image much looks like a face
     kept_pixels: int = 640  # longer side of the original as it is kept for comparison
     patch_pixels: int = 16  # side of what is compared of a face
     compared_share: float = 0.7  # of a box's width and height; the rest may lie beside the face
@@ -72,8 +75,8 @@ class AuditLimits:
 
 
 LIMITS = AuditLimits()
+_OTHER_TURN = 2 * np.pi / 3  # radians: the landmarker knows faces that are turned by 60 degrees
 THREADS = 2  # in which is searched while frames are drawn and read
-_BETWEEN_QUARTERS = tuple(np.pi / 8 + np.pi / 2 * np.arange(4))
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,33 +120,15 @@ class DrawnFace:
         return np.asarray(share > LIMITS.min_shown)
 
 
-class _DetectorPerThread:
-    """A detector for each thread that asks for one: those of OpenCV keep the picture that they are searching.
-
-    spec : as `guise.aam.landmarks.open_detector` takes it; the first is opened at once, so that errors show.
-    """
-
-    def __init__(self, spec: str) -> None:
-        self._spec, self._opened = spec, threading.local()
-        self.own()
-
-    def own(self) -> BoxDetector:
-        """The detector of this thread."""
-        if not hasattr(self._opened, "detector"):
-            self._opened.detector = open_detector(self._spec)
-        detector: BoxDetector = self._opened.detector
-        return detector
-
-
 class AuditSearch:
-    """Searches pictures for faces by another detector, or by the built-in one in another way.
+    """Searches pictures for faces by another detector than the first stage's.
 
     detector : as `guise.aam.landmarks.open_detector` takes it, or None.
     """
 
     def __init__(self, detector: str | None) -> None:
-        self._given = _DetectorPerThread(detector) if detector else None
-        self._own = FaceDetector(MIN_FACE_PIXELS, min_score=LIMITS.min_score)
+        self._given = DetectorPerThread(detector) if detector else None
+        self._own = VotingDetector(LIMITS.min_score)
         self._landmarker, self._shares = BuiltinLandmarker(), FaceShares()
         self._doubts = DoubtSearch(self._landmarker)
 
@@ -152,32 +137,63 @@ class AuditSearch:
         return self._doubts.look(rgb, places)
 
     def faces(
-        self, rgb: U8, turn_to: int | None, no_points: float = LIMITS.min_likeness_no_points
+        self,
+        rgb: U8,
+        turn_to: int | None,
+        no_points: float = LIMITS.min_likeness_no_points,
+        within: Sequence[Part] | None = None,
     ) -> RolledBoxes:
         """Boxes that also look like a face to the landmarker.
 
         turn_to : which of the sizes is searched, counted on; None for all.
         no_points : likeness from which a box that isn't certain needs no points.
+        within : the parts that are searched (left, top, right, bottom); None for all.
         """
-        found = self._boxes(rgb, turn_to)
-        kept = [
-            self._has_face(rgb, box, float(score), float(turn), no_points)
-            for box, score, turn in zip(found.boxes, found.scores, found.turns, strict=True)
-        ]
-        return found[np.array(kept, bool)].distinct()
+        parts = [(0, 0, *rgb.shape[1::-1])] if within is None else within
+        found = RolledBoxes.none()
+        for left, top, right, bottom in parts:
+            here = self._boxes(np.ascontiguousarray(rgb[top:bottom, left:right]), turn_to)
+            found = found.and_others(here.moved(left, top))
+        turns = np.full(len(found), np.nan, np.float32)
+        for k in np.argsort(-found.scores, kind="stable"):
+            known = found.boxes[~np.isnan(turns)]
+            if not any(is_same(found.boxes[k], box) for box in known):
+                score, turn = float(found.scores[k]), float(found.turns[k])
+                turns[k] = self._likely_turn(rgb, found.boxes[k], score, turn, no_points)
+        is_face = ~np.isnan(turns)
+        return RolledBoxes(found.boxes[is_face], found.scores[is_face], turns[is_face]).distinct()
+
+    def _likely_turn(self, rgb: U8, box: F32, score: float, turn: float, no_points: float) -> float:
+        """The turn at which a box is a face's, NaN if at none; a sure one may be turned otherwise, or behind bars."""
+        if self._has_face(rgb, box, score, turn, no_points):
+            return turn
+        if score < LIMITS.certain_score or _is_cut(box, rgb.shape[1]):
+            return float(np.nan)
+        for other in (turn + _OTHER_TURN, turn - _OTHER_TURN):
+            if self._landmarker.likeness(rgb, box, other) >= LIMITS.min_likeness_no_points:
+                return other
+        likeness = likeness_through(self._landmarker, rgb, box, turn)
+        return turn if is_surely_face(score, likeness) else float(np.nan)
 
     def _has_face(self, rgb: U8, box: F32, score: float, turn: float, no_points: float) -> bool:
+        likeness = self._landmarker.likeness(rgb, box, turn)
         if score >= LIMITS.certain_score:
-            return self._landmarker.likeness(rgb, box, turn) >= LIMITS.min_likeness
-        face, likeness = self._landmarker.look_in_box(rgb, box, turn)
+            cut = _is_cut(box, rgb.shape[1])
+            return likeness >= (LIMITS.min_likeness_cut if cut else LIMITS.min_likeness)
+        if likeness < LIMITS.min_likeness_uncertain:
+            return False
+        face, _ = self._landmarker.look_in_box(rgb, box, turn)
         if face is not None and face.confidence >= LIMITS.min_confidence:
-            return likeness >= LIMITS.min_likeness_uncertain
+            return is_same(box, face.box)  # or it is about another face beside it
         is_like = likeness >= no_points
         return is_like and (likeness >= LIMITS.high_likeness or self._shares.has_face(rgb, box, turn))
 
     def is_alike(self, luma: U8, box: NDArray[np.floating], turn: float) -> bool:
-        """Whether a box of a grey picture (h, w) looks like a face."""
-        return self._landmarker.likeness(np.dstack([luma] * 3), box, turn) >= LIMITS.min_likeness
+        """Whether a box of a grey picture (h, w) looks like a face, also behind bars."""
+        grey, place = np.dstack([luma] * 3), np.asarray(box, np.float32)
+        if self._landmarker.likeness(grey, place, turn) >= LIMITS.min_likeness:
+            return True
+        return likeness_through(self._landmarker, grey, place, turn) >= LIMITS.min_likeness
 
     def _boxes(self, rgb: U8, turn_to: int | None) -> RolledBoxes:
         if self._given is not None:
@@ -189,10 +205,7 @@ class AuditSearch:
         sizes = LIMITS.smallest_face_pixels
         found = RolledBoxes.none()
         for smallest in sizes if turn_to is None else (sizes[turn_to % len(sizes)],):
-            picture, factor = _scaled(rgb, MIN_FACE_PIXELS / smallest)
-            here = detect_at_turns(self._own, picture, _BETWEEN_QUARTERS)
-            here = here.and_others(detect_at_sides(self._own, picture))
-            found = found.and_others(here.scaled(1 / factor))
+            found = found.and_others(self._own.search(rgb, smallest))
         return found
 
 
@@ -331,7 +344,9 @@ class Audit(Closing):
                     yield AuditDetection(frame.index, entry.box, 1.0, entry.turn)
             ways = [way for way in self._ways(frame.index) if (frame.index, way) in self._original]
             if ways:
-                searched.append((frame, self._searches(frame, ways)))
+                before, scale = self._kept[frame.index]
+                parts = changed_parts(before, _small(frame.luma)[0], scale)
+                searched.append((frame, self._searches(frame, ways, parts)))
             if len(searched) > THREADS:
                 yield from judged()
         while searched:
@@ -357,16 +372,18 @@ class Audit(Closing):
         regular = index % (LIMITS.negative_interval * LIMITS.interval_frames) == 0
         return (False, True) if self._every_frame or self._is_negative or regular else (False,)
 
-    def _searches(self, frame: Frame, ways: Iterable[bool]) -> dict[bool, Future[RolledBoxes]]:
+    def _searches(
+        self, frame: Frame, ways: Iterable[bool], parts: Sequence[Part] | None = None
+    ) -> dict[bool, Future[RolledBoxes]]:
         rgb = frame.quick_rgb()
-        return {way: self._threads.submit(self._faces, rgb, frame.index, way) for way in ways}
+        return {way: self._threads.submit(self._faces, rgb, frame.index, way, parts) for way in ways}
 
-    def _faces(self, rgb: U8, index: int, negative: bool) -> RolledBoxes:
+    def _faces(self, rgb: U8, index: int, negative: bool, parts: Sequence[Part] | None) -> RolledBoxes:
         size = None if self._every_frame else index // LIMITS.interval_frames
         if not negative:
-            return self._search.faces(rgb, size)
+            return self._search.faces(rgb, size, within=parts)
         no_points = LIMITS.min_likeness_no_points if self._is_negative else LIMITS.min_likeness_negative
-        return self._search.faces(255 - rgb, size, no_points)
+        return self._search.faces(255 - rgb, size, no_points, parts)
 
     def _compared(
         self, frame: Frame, entries: Sequence[FaceTreatment], drawn: Sequence[DrawnFace], result: RolledBoxes,
@@ -394,6 +411,12 @@ class Audit(Closing):
     def _is_in_original(self, luma: U8, box: F32, turn: float, negative: bool) -> bool:
         """Whether a face is in the original as well: edges of covers make background look like faces."""
         return self._search.is_alike(255 - luma if negative else luma, box, turn)
+
+
+def _is_cut(box: F32, width: int) -> bool:
+    """Whether a box reaches far beyond the left or right side."""
+    reach = LIMITS.max_beyond_share * (box[2] - box[0])
+    return bool(box[0] < -reach or box[2] > width + reach)
 
 
 def patch_of(luma: NDArray[Any], box: NDArray[np.floating]) -> U8 | None:
