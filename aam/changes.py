@@ -28,8 +28,10 @@ LIMITS = ChangeLimits()
 def changed_parts(before: U8, after: U8, scale: float) -> list[Part]:
     """Parts of a picture that differ, with what is about them; none overlap.
 
-    before, after : (h, w) luma made smaller by `scale`.
+    before, after : (h, w) luma made smaller by `scale`; one may have a row or a column more, as an encoder needs.
     """
+    height, width = np.minimum(before.shape, after.shape)
+    before, after = before[:height, :width], after[:height, :width]
     differs = cv2.blur(cv2.absdiff(before, after), (LIMITS.pixels,) * 2) > LIMITS.grey_levels
     places = cv2.connectedComponentsWithStats(differs.astype(np.uint8))[2][1:]
     parts: list[Sequence[float]] = []

@@ -13,6 +13,7 @@ import pytest
 from clips import cut
 from made_up import SAMPLES
 
+from guise.aam.landmarks.schemes import IBUG68
 from guise.app.deidentify.covers import COLUMNS, rows_of
 from guise.app.deidentify.options import DeidentifyError, DeidentifyOptions
 from guise.app.deidentify.report.report import verdict
@@ -97,7 +98,7 @@ def changed(clip: Path, output: Path, box: Sequence[float]) -> list[bool]:
 
 def face() -> list[float]:
     """The box of the face in the first frame."""
-    points = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][0, :68]
+    points = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][0][list(IBUG68)]
     return [*points.min(0).tolist(), *points.max(0).tolist()]
 
 

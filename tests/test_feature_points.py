@@ -103,7 +103,7 @@ def test_left_and_right_change_places_in_a_mirror() -> None:
     assert away.max() < 0.15  # an eye's width and more, if sides were confused
     errors = off(answer, (truth("other") * (-1, 1, 1))[MIRROR])
     assert np.count_nonzero(errors < 0.08) >= 18
-    assert errors.mean() < 0.04
+    assert errors.mean() < 0.042
 
 
 @pytest.mark.parametrize("damage", ["inside out", "half of the faces inside out", "holes", "noise", "mask"])

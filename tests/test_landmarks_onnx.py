@@ -486,7 +486,7 @@ def test_pfld_away_from_a_face_is_lost(tmp_path: Path) -> None:
 
 def test_shipped_networks_hold_no_tiny_weights() -> None:
     networks = sorted(DATA.glob("*.onnx"))
-    assert len(networks) == 4
+    assert len(networks) == 5
     for network in networks:
         content = network.read_bytes()
         assert without_tiny_weights(content) == content, network.name

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from clips import sampled
 
+from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.landmarks.voting import STRIDE, UNIT, Votes, VotingDetector, levels, whole_blocks
 from guise.aam.onnx_model import DATA
 
@@ -70,7 +71,7 @@ def test_the_network_is_small() -> None:
 @pytest.mark.parametrize("degrees", [0, 22.5, 70, 112.5, 150, 200, 230, 315])
 def test_a_face_has_its_box_and_its_turn_at_any_roll(degrees: float) -> None:
     image, points = sampled("p02/talk", 60)[0]
-    low, high = points[:68].min(0), points[:68].max(0)
+    low, high = points[list(IBUG68)].min(0), points[list(IBUG68)].max(0)
     x, y = ((low + high) / 2).tolist()
     matrix = cv2.getRotationMatrix2D((x, y), -degrees, 1.0)
     turned = cv2.warpAffine(image, matrix, image.shape[1::-1], borderMode=cv2.BORDER_REPLICATE)
@@ -86,7 +87,7 @@ def test_a_face_has_its_box_and_its_turn_at_any_roll(degrees: float) -> None:
 @pytest.mark.parametrize("hidden", [0.0, 0.5, 0.6])
 def test_a_face_that_a_side_cuts_is_found(hidden: float) -> None:
     image, points = sampled("p02/talk", 60)[0]
-    low, high = points[:68].min(0), points[:68].max(0)
+    low, high = points[list(IBUG68)].min(0), points[list(IBUG68)].max(0)
     cut = image[:, round(low[0] + hidden * (high[0] - low[0])) :]
     found = detector().search(np.ascontiguousarray(cut), 30)
     middle = (found.boxes[:, :2] + found.boxes[:, 2:]) / 2

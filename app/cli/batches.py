@@ -65,7 +65,13 @@ def swap_each(
         failed = sum(entry.code != 0 for entry in entries)
         console.say(f"{len(entries)} files: {len(entries) - failed} swapped, {failed} failed")
     seconds = round(time.perf_counter() - start, 3)
-    console.result({"code": code, "seconds": seconds, "files": [vars(entry) for entry in entries]})
+    console.result(
+        {
+            "code": code,
+            "seconds": seconds,
+            "files": [{k: v for k, v in vars(entry).items() if k != "report"} for entry in entries],
+        }
+    )
     return code
 
 

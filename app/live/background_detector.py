@@ -112,7 +112,7 @@ class BackgroundDetector(Closing):
             score >= LIMITS.min_certain_score or self._looks_like_face(picture, box, turn)
             for box, score, turn in zip(found.boxes, found.scores, found.turns, strict=True)
         ]
-        found = found[kept]
+        found = _without_hair(found[kept])
         return found.and_others(self._glimpsed(picture, found))
 
     def _glimpsed(self, picture: U8, found: RolledBoxes) -> RolledBoxes:
@@ -182,6 +182,16 @@ def _cells(picture: U8) -> F32:
     size = (max(1, width // LIMITS.cell_pixels), max(1, height // LIMITS.cell_pixels))
     grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
     return cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+
+
+def _without_hair(found: RolledBoxes) -> RolledBoxes:
+    """The boxes but those that are likely no face and lie, rolled, on the head of an upright one that is certain."""
+    sure = found.boxes[(found.scores >= LIMITS.min_certain_score) & (found.turns == 0)]
+    heads = np.array([region(box) for box in sure]).reshape(-1, 4)
+    centres = (found.boxes[:, :2] + found.boxes[:, 2:]) / 2
+    within = (centres[:, None] > heads[:, :2]) & (centres[:, None] < heads[:, 2:])
+    on_head = np.any(np.all(within, axis=2), axis=1)
+    return found[~(on_head & (found.turns != 0) & (found.scores < LIMITS.min_landmark_score))]
 
 
 def _apart(found: RolledBoxes, cells: F32) -> Bool | None:
