@@ -276,6 +276,8 @@ def test_the_same_picture_is_known_again_after_encoding_and_another_is_not() -> 
     half[:, :8] = 112
     assert _is_unchanged(one, half, 0.4)
     assert not _is_unchanged(one, half, 0.6)
+    wall = np.where(np.arange(len(one))[:, None] < len(one) // 2, one, 111).astype(np.uint8)
+    assert not _is_unchanged(wall, np.full_like(one, 110), 0.4)  # a cover before a wall of its colour
 
 
 def test_a_face_beyond_the_picture_has_no_patch() -> None:

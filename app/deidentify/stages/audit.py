@@ -463,6 +463,8 @@ def _is_unchanged(one: U8 | None, other: U8 | None, most: float, where: Bool | N
     """Whether two patches show the same, or a larger share of them than `most` does; only there, if that is enough."""
     if one is None or other is None:
         return False
+    if float(other.std()) < LIMITS.max_same_grey_levels:
+        return False  # plain, as a cover before a wall of its colour is: nobody is seen there
     if where is None or where.mean() < LIMITS.min_shown_share:
         where = np.ones_like(one, bool)
     before, after = one[where].astype(np.float64), other[where].astype(np.float64)
