@@ -113,6 +113,14 @@ class LbpDetector:
         return strongest(_corners(np.asarray(found), scale), scores, self.min_score)
 
 
+def _model_file(kind: str, model: str | Path) -> Path:
+    """The path of a network that the user brings, which must be there."""
+    path = Path(model)
+    if not path.is_file():
+        raise LandmarkError(f"{kind} model expected at {path}, got no such file; give the path of the .onnx")
+    return path
+
+
 @dataclass(eq=False)
 class YunetDetector:
     """Faces by the YuNet network, a file that the user brings, run by OpenCV's FaceDetectorYN.
@@ -138,11 +146,7 @@ class YunetDetector:
     def __post_init__(self) -> None:
         """Check the options and load the network."""
         check_smallest(self.smallest)
-        path = Path(self.model)
-        if not path.is_file():
-            raise LandmarkError(
-                f"YuNet model expected at {path}, got no such file; give the path of the .onnx"
-            )
+        path = _model_file("YuNet", self.model)
         self._network = _yunet(path, self.min_score)
 
     def detect(self, image: U8) -> F32:
@@ -185,11 +189,7 @@ class CenterfaceDetector:
     def __post_init__(self) -> None:
         """Check the options and load the network."""
         check_smallest(self.smallest)
-        path = Path(self.model)
-        if not path.is_file():
-            raise LandmarkError(
-                f"CenterFace model expected at {path}, got no such file; give the path of the .onnx"
-            )
+        path = _model_file("CenterFace", self.model)
         try:
             self._network = cv2.dnn.readNetFromONNX(str(path))
             self._names = self._network.getUnconnectedOutLayersNames()
