@@ -31,7 +31,7 @@ MAX_GROWTH = 1.05
 
 def swapped(command: Sequence[str | Path], output: Path, models: tuple[Path, Path], preset: str) -> Ran:
     """One run of `guise swap` or `guise live`, with samples."""
-    given = ("--source", models[0], "--identity", models[1], "--preset", preset, "--quiet", "--force")
+    given = ("--source", models[0], "--identity", models[1], "--encoder-preset", preset, "--quiet", "--force")
     return ran((*GUISE, *command, *given, "-o", output), SAMPLE_SECONDS)
 
 
@@ -65,7 +65,7 @@ def deidentifications(options: argparse.Namespace, minutes: float, folder: Path)
     large, runs = enlarged(options.shared, folder, options.clip), {}
     for length in (minutes, minutes / 3):
         output = folder / f"out{length:g}.mp4"
-        command = guise_command(long_clip(large, length), output, "--preset", "ultrafast")
+        command = guise_command(long_clip(large, length), output, "--encoder-preset", "ultrafast")
         runs[f"deidentify {options.clip}, {length:.3g} min"] = done(command, SAMPLE_SECONDS)
         output.unlink()
     return runs

@@ -7,7 +7,6 @@ python docs/make_cli.py --check  fails when the page is out of date
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from types import UnionType
@@ -15,7 +14,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import typer
 
-from guise.app.cli.commands import GROUPS, command_line
+from guise.app.cli.commands import GROUPS, command_line, commands
 
 PAGE = Path(__file__).with_name("cli.md")
 INTRODUCTION = """# Commands
@@ -24,6 +23,7 @@ Generated from the commands by docs/make_cli.py; `guise COMMAND --help` shows th
 
 Every command takes `--json`, which prints one JSON object on stdout and notes on stderr, and `--quiet`, which prints
 errors only. Exit codes and the rules for output files are in [conventions.md](conventions.md).
+Any option can stand in a file, `guise.toml`, also as a preset with a name: [presets.md](presets.md).
 
 An option means the same in every command:
 
@@ -36,7 +36,7 @@ An option means the same in every command:
 | `--look`, `--eyes`, `--mouth`, `--glasses`, `--alpha`, `--outline` | how the face is drawn |
 | `--cover` | how a face is covered that is not swapped |
 | `--landmarks`, `--landmarker`, `--detector` | where points and boxes of faces come from |
-| `--encoder`, `--crf`, `--preset`, `--lossless` | how a video is written |
+| `--encoder`, `--crf`, `--encoder-preset`, `--lossless` | how a video is written |
 
 So are the defaults, but for these:
 
@@ -54,7 +54,7 @@ WORDS = {int: "INTEGER", float: "NUMBER", str: "TEXT", Path: "PATH"}
 
 def page() -> str:
     """The whole page."""
-    every = dict(commands())
+    every = dict(commands(whole()))
     sections = [section(name, command) for name, command in every.items()]
     return "\n".join([INTRODUCTION, overview(every), *sections])
 
@@ -77,15 +77,6 @@ def panel(name: str) -> str:
 def whole() -> Any:
     """The command line with every command, which takes a while to build."""
     return typer.main.get_command(command_line())
-
-
-def commands(group: Any = None, before: str = "") -> Iterator[tuple[str, Any]]:
-    """Every command with its full name, such as "analogy mesh rig"."""
-    for name, command in (group or whole()).commands.items():
-        if hasattr(command, "commands"):
-            yield from commands(command, f"{before}{name} ")
-        else:
-            yield f"{before}{name}", command
 
 
 def section(name: str, command: Any) -> str:

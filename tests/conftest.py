@@ -25,6 +25,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in the program; read wh
 if "PYTEST_XDIST_WORKER" not in os.environ:
     os.environ["GUISE_TEST_RUN"] = tempfile.mkdtemp(prefix="guise-tests-")  # of all workers, see once.py
 os.environ["GUISE_PEOPLE"] = tempfile.mkdtemp(dir=os.environ["GUISE_TEST_RUN"])  # never the user's own
+os.environ["GUISE_SETTINGS"] = tempfile.mkdtemp(dir=os.environ["GUISE_TEST_RUN"])
 
 import numpy as np
 from hypothesis import settings

@@ -136,7 +136,7 @@ def test_values_out_of_range_are_refused(
             [TALK2, "--encoder", "foo"],
             "Encoder 'foo' is not available: use one of libx264, libx265, libsvtav1, libvpx-vp9, ffv1.",
         ),
-        ([TALK2, "--preset", "hasty"], None),
+        ([TALK2, "--encoder-preset", "hasty"], None),
         (
             [TALK2, "-o", "nowhere/out.mp4"],
             "nowhere/out.mp4 cannot be written (No such file or directory): choose a folder that exists and is "
@@ -276,7 +276,7 @@ def test_a_fault_is_one_sentence(
 def test_interrupted_in_the_middle_nothing_is_left(people: Path, number: signal.Signals) -> None:
     before = sorted(people.iterdir())
     command = [sys.executable, "-m", "guise", "swap", str(SAMPLES / "p01" / "talk.mp4"), *SWAP]
-    slow = [*command, "--preset", "placebo"]
+    slow = [*command, "--encoder-preset", "placebo"]
     running = subprocess.Popen(slow, cwd=people, stderr=subprocess.PIPE, text=True)
     part = people / "out.mp4.part"
     deadline = time.monotonic() + 150

@@ -41,6 +41,8 @@ def understood(path: str, arguments: list[str]) -> dict[str, Any]:
             "analogy animate", ["c.mp4", "t.png", "-o", "o.mp4", "--model", "a.guise"],
             ["c.mp4", "t.png", "-o", "o.mp4", "--source", "a.guise"], "--model is now --source",
         ),
+        ("swap", [*SWAP, "--preset", "slow"], [*SWAP, "--encoder-preset", "slow"], "--preset is now --encoder-preset"),
+        ("live", ["--preset=p4"], ["--encoder-preset", "p4"], "--preset is now --encoder-preset"),
         ("swap", [*SWAP, "--light", "paper"], [*SWAP, "--look", "paper"], LOOKS_NOTE),
         ("swap", [*SWAP, "--light", "paper", "--transfer=paper"], [*SWAP, "--look", "paper"], LOOKS_NOTE),
         ("swap", [*SWAP, "--transfer", "full"], SWAP, LOOKS_NOTE),

@@ -137,7 +137,7 @@ def test_every_option_arrives(
         "a.mp4", "-o", "b.mkv", "--identity", "mean:1", "--gallery", "p01.guise", "--cover", "blur", "--alpha", "0.3",
         "--tracks", "a.tracks.json", "--resume", "--seed", "7", "--keyfile", "people.json", "--audio", "drop",
         "--keep-metadata", "--label", "--c2pa", "cert.pem", "key.pem", "--encoder", "libx265", "--crf", "30",
-        "--preset", "fast", "--lossless", "--renderer", "cpu", "--force",
+        "--encoder-preset", "fast", "--lossless", "--renderer", "cpu", "--force",
     ]  # fmt: skip
     assert run(capsys, *arguments)[0] == 0
     (call,) = asked
@@ -222,7 +222,7 @@ def test_an_interruption_tells_how_to_go_on(
             "the key file nowhere/people.json can't be written because the folder nowhere does not exist: create it",
         ),
         (["a.mp4", "--encoder", "foo"], None),
-        (["a.mp4", "--preset", "hasty"], None),
+        (["a.mp4", "--encoder-preset", "hasty"], None),
         (["a.mp4", "--crf", "60"], None),
         (["a.mp4", "--encoder", "mpeg4", "--lossless"], None),
         (

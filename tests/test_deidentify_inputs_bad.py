@@ -69,7 +69,7 @@ def sound_alone(path: str) -> None:
 
 
 def deidentify(*arguments: str) -> int:
-    return main(["deidentify", "--preset", "ultrafast", "--workers", "1", *arguments])
+    return main(["deidentify", "--encoder-preset", "ultrafast", "--workers", "1", *arguments])
 
 
 def shown(path: Path) -> list[np.ndarray]:

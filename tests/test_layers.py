@@ -65,7 +65,7 @@ OWNERS = {
     "matplotlib": {"app/measure/plot.py"},
     "distributed": {"app/deidentify/run/cluster.py"},
     "fsspec": {"app/deidentify/run/remote.py"},
-    "platformdirs": {"app/people/kept.py", "app/cli/studio.py"},
+    "platformdirs": {"common/presets.py", "app/people/kept.py", "app/cli/studio.py"},
     "glfw": {"app/live/window.py"},
     "moderngl_window": {"app/live/window.py"},
     "pyvirtualcam": {"app/live/virtualcam.py"},

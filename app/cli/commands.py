@@ -6,8 +6,9 @@ the commands, so that `guise --help` is fast, and of the commands only the one t
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from importlib import import_module
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer import Abort
@@ -16,7 +17,7 @@ from typer.core import TyperGroup
 from guise.app.cli.former import Command
 from guise.common.version import VERSION
 
-__all__ = ["GROUPS", "Abort", "command_line"]
+__all__ = ["GROUPS", "Abort", "command_line", "commands"]
 
 # Group -> command -> module in guise.app.cli.
 GROUPS: dict[str, dict[str, str]] = {
@@ -57,6 +58,15 @@ def command_line(name: str | None = None) -> typer.Typer:
             else:
                 made.command(cls=Command, rich_help_panel=panel)(found)
     return made
+
+
+def commands(group: Any, before: str = "") -> Iterator[tuple[str, Any]]:
+    """Every command of a group with its full name, such as "analogy mesh rig"."""
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, f"{before}{name} ")
+        else:
+            yield f"{before}{name}", command
 
 
 def _show_version(wanted: bool) -> None:

@@ -14,6 +14,8 @@ from typing import Any
 import typer
 from typer.core import TyperCommand
 
+from guise.common.presets import ENCODER_PRESETS
+
 MODEL_SUFFIX = ".guise"
 UNTIL = "the former name goes with version 0.3"
 LOOKS_NOTE = f"--light and --transfer are now --look swap|paper; {UNTIL}"
@@ -40,16 +42,26 @@ def _is_media(value: str) -> bool:
     return "://" in value or (Path(value).exists() and Path(value).suffix != MODEL_SUFFIX)
 
 
+_ENCODER_PRESET = {
+    "--preset": FormerName("--encoder-preset", when=lambda value: bool(ENCODER_PRESETS.fullmatch(value)))
+}
 # By command, what was called otherwise.
 FORMER: Mapping[str, Mapping[str, FormerName]] = {
+    "swap": _ENCODER_PRESET,
+    "puppet": _ENCODER_PRESET,
     "live": {
+        **_ENCODER_PRESET,
         "--source": FormerName("--input", when=_is_media),
         "--person": FormerName("--source"),
         "--enrol": FormerName("--enroll", flag=True),
     },
-    "deidentify": {"--donor": FormerName("--identity"), "--donors": FormerName("--identity")},
+    "deidentify": {
+        **_ENCODER_PRESET,
+        "--donor": FormerName("--identity"),
+        "--donors": FormerName("--identity"),
+    },
     "measure": {"--donor": FormerName("--identity")},
-    "animate": {"--model": FormerName("--source")},
+    "animate": {**_ENCODER_PRESET, "--model": FormerName("--source")},
 }
 # By command, the ways to draw that were two options, each with the values that it took.
 WITH_LOOK = ("swap", "puppet", "live")

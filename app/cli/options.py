@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin,
 import typer
 
 from guise.app.cli.console import Console
+from guise.app.cli.presets import PRESET, notes_on_files
 from guise.app.swapping import FACE_HELP
 from guise.common.option import Option, option, options_of
 
@@ -237,7 +238,10 @@ def _is_several(kind: Any) -> bool:
 
 
 def takes(command: Callable[..., Any]) -> Callable[..., Any]:
-    """A command each of whose parameters with a `Part` in its annotation is filled from the options of that."""
+    """A command each of whose parameters with a `Part` in its annotation is filled from the options of that.
+
+    It also takes --preset, and what files say as defaults, which it tells.
+    """
     hints = get_type_hints(command, include_extras=True)
     parts = {
         name: part for name, hint in hints.items() for part in get_args(hint)[1:] if isinstance(part, Part)
@@ -248,10 +252,14 @@ def takes(command: Callable[..., Any]) -> Callable[..., Any]:
             found += parts[name].parameters()
         else:
             found.append(one.replace(kind=Parameter.KEYWORD_ONLY, annotation=hints[name]))
+    found += [PRESET, Parameter("context", Parameter.KEYWORD_ONLY, annotation=typer.Context)]
 
     @wraps(command)
-    def run(**given: Any) -> Any:
+    def run(*, context: typer.Context | None = None, named_preset: str | None = None, **given: Any) -> Any:
         filled = {name: part.taken(given) for name, part in parts.items()}
+        if context is not None and isinstance(console := filled.get("console"), Console):
+            for note in notes_on_files(context):
+                console.note(note)
         return command(**given, **filled)
 
     run.__signature__ = Signature(found)  # type: ignore[attr-defined]
@@ -275,7 +283,9 @@ class EncodeChoices:
         least=0,
         most=63,
     )
-    preset: str = option("veryfast", "Encoder preset, from ultrafast to veryslow.", metavar="NAME")
+    preset: str = option(
+        "veryfast", "Encoder preset, from ultrafast to veryslow.", name="--encoder-preset", metavar="NAME"
+    )
     lossless: bool = option(False, "Encode losslessly.")
 
     def options(self) -> EncodeOptions:

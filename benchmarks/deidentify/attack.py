@@ -107,7 +107,7 @@ def attacked(options: argparse.Namespace, work: Path) -> AttackResult:
             work / f"{setting.replace(':', '')}{options.tilt:g}{options.region.replace('face', '')}"
         )
         more = ("--recursive", "--resume", "--identity", setting, "--region", options.region)
-        more += ("--preset", "ultrafast", "--crf", "14")
+        more += ("--encoder-preset", "ultrafast", "--crf", "14")
         done(guise_command(originals, outputs[-1], *more))
         common.say(f"{setting}: de-identified")
     card = work / "recogniser.toml"

@@ -8,7 +8,7 @@ from typing import Any
 
 from benchmarks.children import GUISE, Ran, ffmpeg, looped, ran
 
-LOSSLESS_OPTIONS = ("--lossless", "--preset", "ultrafast")
+LOSSLESS_OPTIONS = ("--lossless", "--encoder-preset", "ultrafast")
 NOT_VERIFIED = 3
 CLIP = "room_s18"
 

@@ -79,7 +79,7 @@ def run(videos: Sequence[Path], folder: Path) -> tuple[float, int]:
     """Wall seconds on the running cluster, and the most bytes in work folders."""
     folder.mkdir()
     start, most = time.perf_counter(), 0
-    options = ("--preset", "ultrafast", "--quiet", "--engine", f"dask:{ADDRESS}")
+    options = ("--encoder-preset", "ultrafast", "--quiet", "--engine", f"dask:{ADDRESS}")
     process = subprocess.Popen([*GUISE, "deidentify", *map(str, videos), "-o", str(folder), *options])
     while process.poll() is None:
         most = max(most, sum(_size(file) for work in folder.glob("*.work") for file in work.rglob("*")))

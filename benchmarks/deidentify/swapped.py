@@ -44,7 +44,7 @@ def measure(options: argparse.Namespace) -> Report:
     rows, frames, swapped = [], 0, 0
     for video in frontal(options.shared)[:: 8 if options.quick else 1]:
         with tempfile.TemporaryDirectory() as folder:
-            found = counted(deidentified(video, Path(folder) / "out.mp4", "--preset", "ultrafast"))
+            found = counted(deidentified(video, Path(folder) / "out.mp4", "--encoder-preset", "ultrafast"))
         name = video.stem if video.stem != "talk2" else f"{video.parent.name}/talk2"
         rows.append((name, found[0], 100 * found[1] / found[0], 100 * found[2] / found[0]))
         frames, swapped = frames + found[0], swapped + found[1]
