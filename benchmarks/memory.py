@@ -52,7 +52,7 @@ def swaps(options: argparse.Namespace, minutes: float, folder: Path) -> dict[str
     for length, preset, command in (
         (minutes, "ultrafast", ("swap",)),
         (few, "veryfast", ("swap",)),
-        (minutes, "ultrafast", ("live", "--headless", "--input")),
+        (minutes, "ultrafast", ("live", "--input")),
     ):
         video = looped(clip.video, 60 * length, folder / "in.mp4")
         name = f"{command[0]}, {length:.3g} min, {preset}"

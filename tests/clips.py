@@ -34,15 +34,15 @@ def cut(person: str, path: Path, frames: int, *, clip: str = "talk2.mp4") -> Pat
     return path
 
 
-def empty_scene(path: Path, frames: int = 8) -> Path:
-    """A video without anybody in it."""
+def empty_scene(path: Path, frames: int = 8, *, rate: int = 30) -> Path:
+    """A video without anybody in it, each frame one grey level lighter than the one before."""
     with av.open(str(path), "w") as out:
-        stream = out.add_stream("libx264", 30)
+        stream = out.add_stream("libx264", rate)
         stream.width, stream.height, stream.pix_fmt = 320, 240, "yuv420p"
         for i in range(frames):
             rgb = np.full((240, 320, 3), 90 + i, np.uint8)
             frame = av.VideoFrame.from_ndarray(rgb, "rgb24")
-            frame.pts, frame.time_base = i, Fraction(1, 30)
+            frame.pts, frame.time_base = i, Fraction(1, rate)
             out.mux(stream.encode(frame))
         out.mux(stream.encode(None))
     return path

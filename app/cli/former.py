@@ -27,7 +27,7 @@ class FormerName:
 
     Parameters
     ----------
-    now : today's name.
+    now : today's name; "" for an option that is no longer needed.
     flag : whether it takes no value.
     when : of a name that also is one of today's: for which values the former meaning is meant.
     """
@@ -54,6 +54,7 @@ FORMER: Mapping[str, Mapping[str, FormerName]] = {
         "--source": FormerName("--input", when=_is_media),
         "--person": FormerName("--source"),
         "--enrol": FormerName("--enroll", flag=True),
+        "--headless": FormerName("", flag=True),
     },
     "deidentify": {
         **_ENCODER_PRESET,
@@ -92,8 +93,9 @@ def _renewed(command: str, args: list[str]) -> tuple[list[str], list[str]]:
         if name in LOOKS and command in WITH_LOOK:
             looks[name] = value
         elif entry is not None and (entry.when is None or entry.when(value)):
-            renewed += [entry.now] if entry.flag else [entry.now, value]
-            notes[f"{name} is now {entry.now}; {UNTIL}"] = None
+            renewed += [entry.now] * bool(entry.now) if entry.flag else [entry.now, value]
+            now = f"is now {entry.now}" if entry.now else "is no longer needed"
+            notes[f"{name} {now}; {UNTIL}"] = None
         else:
             renewed += words
     if looks:

@@ -68,7 +68,7 @@ def live(
     cast = _cast(map, alone=not (named or options.enrol or settings.mode == "puppet"))
     mirrored = options.input is None if mirror is None else mirror
     options = replace(
-        options, outputs=options.outputs or (() if options.headless else ("window",)), size=_size(size), cast=cast,
+        options, outputs=options.outputs or ("window",), size=_size(size), cast=cast,
         settings=replace(settings, alpha=drawing.alpha, mirror=mirrored), look=look_of(drawing, LIVE),
         encode=encoding.options(),
     )  # fmt: skip

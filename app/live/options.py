@@ -63,7 +63,8 @@ class LiveOptions:
 
     input: str | None = option(
         None,
-        "A video, played at its own pace, or a stream (rtsp, http ...); default: the camera.",
+        "A video or a stream (rtsp, http ...); default: the camera. A video plays at its own pace; into files alone, "
+        "every frame is written, as fast as possible.",
         metavar="FILE|URL",
     )
     camera: int = option(0, "Number of the camera.", metavar="N", least=0)
@@ -85,7 +86,6 @@ class LiveOptions:
         name="--output -o",
         metavar="window|studio|virtualcam|OUT.mp4",
     )
-    headless: bool = option(False, "No window: write every frame of a file to files, as fast as possible.")
     size: tuple[int, int] = (1280, 720)
     fps: float = option(30.0, "Requested of the camera.", least=1, most=240)
     loop: bool = option(False, "Repeat the file.")

@@ -125,7 +125,7 @@ def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveRepor
         config = SessionConfig(
             identities, person, cast, name=capture.name, keep=lambda made: _keep(capture.name, made, say),
             look=options.look, recording=lambda: recordings.recording, notice=notices.current,
-            asks=not options.headless,
+            asks=capture.paced,
         )  # fmt: skip
         requests = _RequestHandler(config, controls, recordings, snapshots, say)
         pipeline = Pipeline(
@@ -134,7 +134,7 @@ def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveRepor
         try:
             stats = pipeline.run()
         except KeyboardInterrupt:  # a normal end, except for a file that must be complete
-            if options.headless:
+            if not capture.paced:
                 raise
             stats = pipeline.stats
         for problem in capture.media.problems if isinstance(capture, FileCapture) else ():
@@ -184,13 +184,6 @@ class _RequestHandler:
 
 def _check(options: LiveOptions) -> None:
     """Raise OutputError for options that contradict each other."""
-    files = [name for name in options.outputs if name not in (WINDOW, VIRTUAL_CAMERA)]
-    if options.headless and (options.input is None or not files or len(files) < len(options.outputs)):
-        raise OutputError(
-            "--headless needs --input FILE and writes only files: add --output OUT.mp4, and no window"
-        )
-    if options.headless and options.loop:
-        raise OutputError("--headless ends with the file: leave out --loop")
     if len(options.cast) > MAX_PEOPLE:
         raise OutputError(f"--map takes up to {MAX_PEOPLE} people live, got {len(options.cast)}")
     if len(set(options.outputs)) < len(options.outputs):
@@ -204,7 +197,8 @@ def _capture(options: LiveOptions, say: Say) -> Capture:
         from guise.app.live.streams import StreamCapture
 
         return StreamCapture(options.input, say=say)
-    return FileCapture(Path(options.input), loop=options.loop, paced=not options.headless)
+    is_watched = WINDOW in options.outputs or VIRTUAL_CAMERA in options.outputs
+    return FileCapture(Path(options.input), loop=options.loop, paced=is_watched or options.loop)
 
 
 def _output(
@@ -220,7 +214,7 @@ def _output(
     media = capture.media if isinstance(capture, FileCapture) and once else None
     return VideoRecorder(
         Path(name), media=media, encode=options.encode, force=options.force,
-        whole=options.headless, say=None if options.headless else say,
+        whole=not capture.paced, say=say if capture.paced else None,
     )  # fmt: skip
 
 

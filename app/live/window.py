@@ -30,7 +30,7 @@ from guise.render.context import leave_thread, window_context
 
 TITLE = "Guise (H shows the keys)"
 MAX_SCREEN_SHARE = 0.9  # of the screen's width and height, taken by a new window
-ALTERNATIVES = "choose --output FILE, or --headless"
+ALTERNATIVES = "choose --output FILE"
 NO_CHROMA = np.full((1, 1), 128, np.uint8)
 
 _VERTEX = """
