@@ -31,7 +31,7 @@ from guise.app.meshes.points import write_feature_points
 from guise.app.meshes.previewing import preview_files
 from guise.app.meshes.registering import register_files
 from guise.app.meshes.transferring import draw_report_picture
-from guise.app.people.montage import montage
+from guise.app.people.montage import montage, portrait
 from guise.app.photos.image import analogy_image
 from guise.app.swapping.donors import gallery, open_donor
 from guise.app.swapping.report import SwapSettings
@@ -42,7 +42,7 @@ ROOT = Path(__file__).parents[1]
 SAMPLES, IMAGES = ROOT / "sample_videos", ROOT / "docs" / "images"
 FICTIONAL = "p07"  # of the gallery
 WIDTH = 280  # pixels, of a frame
-PORTRAIT_PIXELS = 160  # side
+GALLERY_PIXELS = 160  # side of a portrait
 HEADS = SAMPLES / "heads"
 SHOWN = ("anger", "open", "pucker", "smile", "surprise")  # morph targets of the mean head
 MESH_WIDTH = 1400  # pixels, of the widest picture of heads
@@ -141,18 +141,8 @@ def photos(folder: Path) -> None:
 
 def portraits(folder: Path) -> None:
     """The picture of the donors that ship with Guise."""
-    faces = [portrait(open_donor(name)) for name in gallery()]
+    faces = [portrait(open_donor(name), GALLERY_PIXELS) for name in gallery()]
     save_picture(IMAGES / "gallery.jpg", np.concatenate(faces, axis=1))
-
-
-def portrait(person: Identity) -> Picture:
-    """The rest frame (PORTRAIT_PIXELS, PORTRAIT_PIXELS, 3), cropped around the face."""
-    picture, shape = person.rest_frame.picture, person.rest_frame.shape
-    centre, reach = shape.mean(0), 0.75 * np.ptp(shape[:, 1])
-    x0, y0 = np.maximum(np.floor(centre - reach).astype(int), 0)
-    x1, y1 = np.ceil(centre + reach).astype(int)
-    side = (PORTRAIT_PIXELS, PORTRAIT_PIXELS)
-    return np.asarray(cv2.resize(picture[y0:y1, x0:x1], side, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def studio(folder: Path) -> None:

@@ -7,6 +7,7 @@ no Chromium the tests are skipped, or fail if GUISE_REQUIRE_BROWSER=1.
 """
 
 import atexit
+import base64
 import json
 import os
 import shutil
@@ -178,6 +179,20 @@ def visit(browser: Any, server: StudioServer, path: str = "/people", **context: 
         visitor.clear_cookies()
         _left(browser).append((options, visitor))
     assert not complaints, "; ".join(complaints)
+
+
+def hand_over(page: Any, how: str, path: Path, kind: str, place: str = "[data-drop]") -> None:
+    """Drop a file on a place of a page, or paste it there.   how : "drop" or "paste".   kind : its media type."""
+    page.wait_for_function("window.did_handshake")  # from then on the page takes files
+    page.locator(place).first.evaluate(
+        """(place, [how, data, name, type]) => {
+            const files = new DataTransfer(), bytes = Uint8Array.from(atob(data), (c) => c.charCodeAt(0));
+            files.items.add(new File([bytes], name, { type }));
+            const about = { bubbles: true, cancelable: true, dataTransfer: files, clipboardData: files };
+            place.dispatchEvent(how === "drop" ? new DragEvent(how, about) : new ClipboardEvent(how, about));
+        }""",
+        [how, base64.b64encode(path.read_bytes()).decode(), path.name, kind],
+    )
 
 
 def _context(browser: Any, server: StudioServer, options: dict[str, Any]) -> Any:

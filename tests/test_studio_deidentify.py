@@ -117,7 +117,7 @@ def delete(visitor: Any) -> None:
     visitor.get_by_role("button", name="Delete", exact=True).click()
     visitor.get_by_role("alertdialog").get_by_role("button", name="Delete").click()
     visitor.wait_for_url("**/deidentify")
-    visitor.get_by_text("Upload videos").wait_for()
+    visitor.get_by_text("Drop videos").wait_for()
 
 
 def make(visitor: Any, sentence: str) -> None:
@@ -220,7 +220,7 @@ def test_a_video_without_faces_is_told_as_such(
 ) -> None:
     page.goto(studio_server.url("/deidentify"))
     upload(page, empty_scene(tmp_path / "room.mp4"))
-    page.get_by_text("No face could be tracked.").wait_for()
+    page.get_by_text("Nobody is seen in this clip").wait_for()
     make(page, "No face was found in 8 frames.")
     delete(page)
 
@@ -308,9 +308,13 @@ def test_a_cover_is_refused_a_box_is_drawn_and_the_report_says_both(
     card.get_by_role("button", name="Not a face").click()
     page.get_by_text("1 place stays as it is, as you said that there is no face.").wait_for()
     stage = page.get_by_role("group", name="A frame before and after")
-    stage.hover(position={"x": 60, "y": 300})
+    box = stage.bounding_box()
+    corners = [
+        (box["x"] + x * box["width"], box["y"] + y * box["height"]) for x, y in ((0.06, 0.4), (0.2, 0.55))
+    ]
+    page.mouse.move(*corners[0])
     page.mouse.down()
-    stage.hover(position={"x": 200, "y": 420})
+    page.mouse.move(*corners[1])
     page.mouse.up()
     page.get_by_role("button", name="Cover it").click()
     page.get_by_text("Covered: frames 6 to 13, box").wait_for()

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from clips import cut, empty_scene
-from studio_browser import StudioServer, browser, page, studio_server  # noqa: F401
+from studio_browser import StudioServer, browser, hand_over, page, studio_server  # noqa: F401
 
 from guise.app.media import open_input
 
@@ -52,7 +52,7 @@ def test_a_video_is_previewed_swapped_and_downloaded(
 
 
 def test_nobody_to_swap_is_one_sentence(desk: Any, tmp_path: Path) -> None:
-    desk.locator("input[type=file]").set_input_files(str(empty_scene(tmp_path / "empty.mp4")))
+    hand_over(desk, "drop", empty_scene(tmp_path / "empty.mp4"), "video/mp4")
     desk.get_by_text("nobody is seen long enough in empty").wait_for(timeout=LONG)
 
 

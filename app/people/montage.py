@@ -1,4 +1,4 @@
-"""A picture of a model: mean, neutral, still, and the first modes at two standard deviations.
+"""Pictures of a model: mean, neutral, still, and the first modes at two standard deviations; and a portrait.
 
 Each face is drawn on its own shape, so that modes of shape show as well as modes of texture.
 """
@@ -17,6 +17,8 @@ from guise.render import feather, make_compositor
 MODE_DEVIATIONS = 2.0
 DEFAULT_MODES = 6
 FACE_PIXELS = 150  # across a face
+PORTRAIT_PIXELS = 240
+PORTRAIT_FACE_HEIGHTS = 0.75  # from the middle of a face to the sides of its portrait
 BORDER_FACE_WIDTHS = 0.12
 FEATHER_FACE_WIDTHS = 0.01  # standard deviation
 
@@ -37,6 +39,15 @@ def montage(identity: Identity, modes: int = DEFAULT_MODES) -> Picture:
             row.append(labelled(draw(look, components.mean + step), caption))
         rows.append(row)
     return sheet(rows)
+
+
+def portrait(identity: Identity, side: int = PORTRAIT_PIXELS) -> Picture:
+    """The head at rest, as it was enrolled (side, side, 3)."""
+    picture, shape = identity.rest_frame.picture, identity.rest_frame.shape
+    centre, reach = shape.mean(0), PORTRAIT_FACE_HEIGHTS * np.ptp(shape[:, 1])
+    reach = min(reach, *centre, *(picture.shape[1::-1] - centre))
+    x0, y0, x1, y1 = np.round([*(centre - reach), *(centre + reach)]).astype(int)
+    return np.asarray(cv2.resize(picture[y0:y1, x0:x1], (side, side), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def draw(look: AppearanceModel, vector: F32, face: int = FACE_PIXELS) -> Picture:

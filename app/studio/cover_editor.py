@@ -58,7 +58,7 @@ class CoverEditor:
 
     @ui.refreshable_method
     def _cards(self) -> None:
-        with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2"):
+        with ui.element("div").classes("w-full grid gap-2"):
             for cover in self.covers[(self._page - 1) * COVERS_PER_PAGE : self._page * COVERS_PER_PAGE]:
                 with ui.card().classes("w-full"):
                     self._card(cover)

@@ -145,24 +145,23 @@ class _ReviewPage(VideoPage):
             tone, headline = "fair", "All faces swapped, some of them not well"
         banner(f"var(--q-{TONES[tone]})", headline, " ".join([job.result["sentence"], *doubts]))
         folder, output = self.studio.store.folder_of(job.id), job.about["output"]
-        with ui.row().classes("w-full"):
-            video = ui.video(self.studio.url(folder / output)).classes("grow basis-80")
-            video.style("max-height: 70vh").props('aria-label="The rendered video"')
-            with ui.column().classes("grow basis-60"):
+        with ui.element("div").classes("desk"):
+            video = ui.video(self.studio.url(folder / output)).classes("full")
+            video.props('aria-label="The rendered video"')
+            with ui.column().classes("w-full"):
                 _counts(job.result["counts"])
                 ui.label(_chosen(DeidentifyChoices(**job.about["choices"]))).classes("opacity-70")
                 for problem in job.result["problems"]:
                     ui.label(problem)
+                words = {"video": output, "report (HTML)": REPORTS[0], "report (JSON)": REPORTS[1]}
+                name = job.about["name"]
+                download_row(
+                    self.studio,
+                    {word: (folder / file, download_name(name, file)) for word, file in words.items()},
+                )
+                ui.link("Open the report", self.studio.url(folder / REPORTS[0]), new_tab=True)
+                ui.label(CAVEATS).classes("opacity-70")
         self._finds(folder, job.result.get("covers", []))
-        with ui.row():
-            words = {"video": output, "report (HTML)": REPORTS[0], "report (JSON)": REPORTS[1]}
-            name = job.about["name"]
-            download_row(
-                self.studio,
-                {word: (folder / file, download_name(name, file)) for word, file in words.items()},
-            )
-            ui.link("Open the report", self.studio.url(folder / REPORTS[0]), new_tab=True)
-        ui.label(CAVEATS).classes("opacity-70")
 
     def _finds(self, folder: Path, covers: list[dict[str, Any]]) -> None:
         """What the audit found and covered, which the user may say something of for the next rendering."""

@@ -28,7 +28,7 @@ from guise.app.studio.deidentify_jobs import (
 )
 from guise.app.studio.dialogs import confirm, submitted
 from guise.app.studio.portraits import Portraits
-from guise.app.studio.site import Studio, choice_row
+from guise.app.studio.site import Studio, choice_row, empty_state
 from guise.app.studio.store import JobRow, Upload
 from guise.app.studio.uploads import PICTURE, uploader
 from guise.app.studio.videos import PREVIEW_WIDTH_PIXELS, FrameComparison, title
@@ -42,9 +42,14 @@ ACTIONS = {"swap": "Swap", "cover": "Cover", "leave": "Leave"}
 COVERS = {"solid": "Solid", "mosaic": "Mosaic", "blur": "Blur", "emoji": "Smiley"}
 SOUNDS = {"keep": "Keep", "drop": "Drop", "mask": "Lower voices", "disguise": "Whisper"}
 REGIONS = {"face": "Face", "head": "Head"}
-HINT = (
-    "The bar shows when a face is seen in the video; its height is the confidence of the detection. Faces without a "
-    "track are covered; they are listed below."
+HINT = "Each bar shows when a face is seen; the higher it is, the more certain the face."
+NOBODY = (
+    "Nobody is seen in this clip",
+    "Watch it all the same, as a detector can miss a face. Draw a box over what must be covered.",
+)
+COVERED_ONLY = (
+    "Nobody is seen long enough to be followed",
+    "What may be a face is covered, and listed below.",
 )
 
 
@@ -73,20 +78,30 @@ class TrackEditor:
         )  # fmt: skip
 
     def build(self) -> None:
-        """Tracks, settings, and the button that starts the rendering."""
-        ui.label(
-            HINT if self._tracks else "No face could be tracked. Anything that may be a face is covered."
-        )
+        """The frame, and beside it tracks, settings, and the button that starts the rendering."""
+        with ui.element("div").classes("desk"):
+            with ui.column().classes("picture w-full"):
+                self._frame = FrameComparison(self._draw, self._frames - 1, self._first(), self.covers.drawn)
+                self.covers.build_boxes()
+            with ui.column().classes("w-full"):
+                self._faces_found()
+                self._settings()
+                with ui.column().classes("act w-full gap-1"):
+                    self._exposed()
+                    render = ui.button("Render", icon="movie", on_click=lambda: self._render(self._choices))
+                    render.classes("w-full")
+
+    def _faces_found(self) -> None:
+        """The tracks, and what may be a face besides."""
+        if self._tracks:
+            ui.label(HINT).classes("opacity-70")
+        else:
+            empty_state("person_off", *(COVERED_ONLY if self.covers.covers else NOBODY))
         self._people()
         pages = -(-len(self._tracks) // TRACKS_PER_PAGE)
         if pages > 1:
             ui.pagination(1, pages, direction_links=True, on_change=lambda event: self._turn(event.value))
         self.covers.build_covers()
-        self._settings()
-        self._frame = FrameComparison(self._draw, self._frames - 1, self._first(), self.covers.drawn)
-        self.covers.build_boxes()
-        self._exposed()
-        ui.button("Render", icon="movie", on_click=lambda: self._render(self._choices))
 
     def _load(self) -> DeidentifyChoices:
         """The saved choices, or the proposed ones; a donor who no longer exists becomes any."""

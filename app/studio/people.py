@@ -12,7 +12,7 @@ from starlette.responses import PlainTextResponse, Response
 
 from guise.aam.model import Identity, ModelError, read_header
 from guise.app.media.image_writing import encode_image
-from guise.app.people.montage import draw
+from guise.app.people.montage import portrait
 from guise.app.photos.enrol_photos import MAX_PHOTOS
 from guise.app.studio.clip_recorder import ClipRecorder
 from guise.app.studio.dialogs import asked, confirm
@@ -210,8 +210,8 @@ class _PeoplePage:
 
     def _person(self, person: Person) -> None:
         with ui.row().classes("w-full no-wrap items-start"):
-            portrait = ui.image(f"/portraits/{person.id}.png?{person.path.stat().st_mtime_ns}")
-            portrait.classes("w-32 shrink-0 rounded").props["alt"] = f"The face of {person.name}"
+            face = ui.image(f"/portraits/{person.id}.png?{person.path.stat().st_mtime_ns}")
+            face.classes("w-32 shrink-0 rounded").props["alt"] = f"The face of {person.name}"
             with ui.column().classes("gap-1 min-w-0"):
                 ui.label(person.name).classes("text-h6 break-all")
                 ui.label(f"Added {local_time(person.created)}.").classes("opacity-70")
@@ -291,10 +291,11 @@ class _PeoplePage:
     def _gallery(self) -> None:
         heading("Built-in faces")
         ui.label("Rendered people who do not exist; anybody may show their faces.")
-        with ui.row():
+        with ui.element("div").classes("faces"):
             for id, name in FIRST_NAMES.items():
-                with ui.column().classes("items-center"):
-                    ui.image(f"/gallery/{id}.png").classes("w-24").props(f'alt="The fictional face {name}"')
+                with ui.column().classes("face items-center gap-0"):
+                    face = ui.element("img").props(f'alt="The fictional face {name}"')
+                    face.props["src"] = f"/gallery/{id}.png"
                     ui.label(name)
 
 
@@ -306,6 +307,6 @@ async def _portrait(name: str) -> Response:
 
 @lru_cache
 def _drawn(face: str, changed: float = 0.0) -> bytes:
-    """A PNG of the neutral face of somebody of the gallery, or of a model file as it was changed last."""
-    appearance = (Identity.load(face) if changed else open_donor(face)).appearance
-    return encode_image(draw(appearance, appearance.neutral), None, ".png", {})
+    """A PNG of somebody of the gallery, or of a model file as it was changed last."""
+    identity = Identity.load(face) if changed else open_donor(face)
+    return encode_image(portrait(identity), None, ".png", {})

@@ -25,18 +25,17 @@ class Portraits:
     ) -> None:  # fmt: skip
         self._choose = choose
         self._buttons: dict[str, ui.button] = {}
-        with ui.row().classes("gap-2 items-stretch").props("role=group") as group:
+        with ui.element("div").classes("faces").props("role=group") as group:
             group.props["aria-label"] = label
             for spec, name in faces.items():
                 with ui.button(color=None, on_click=partial(self._clicked, spec)) as button:
                     button.props("outline padding=xs").classes("face").props["aria-label"] = name
-                    with ui.column().classes("items-center gap-0"):
+                    with ui.column().classes("items-center gap-1 w-full"):
                         if spec:
-                            picture = ui.element("img").classes("w-16 h-16 object-contain")
-                            picture.props('alt=""').props["src"] = studio.portrait(spec)
+                            ui.element("img").props('alt=""').props["src"] = studio.portrait(spec)
                         else:
-                            ui.icon(icon).classes("text-4xl h-16")
-                        ui.label(name).classes("text-xs leading-tight w-20 break-words")
+                            ui.icon(icon, size="3rem").classes("none")
+                        ui.label(name).classes("text-xs leading-tight break-words")
                 self._buttons[spec] = button
         self.press(chosen)
 

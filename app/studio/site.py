@@ -17,6 +17,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
 from guise.app.studio.jobs import JobQueue
+from guise.app.studio.progress_row import ProgressRow
 from guise.app.studio.store import FOLDERS, JobRow, MissingError, Store, StudioError
 from guise.app.swapping.donors import FIRST_NAMES, gallery
 from guise.common.errors import GuiseError
@@ -125,17 +126,13 @@ def show_job(studio: Studio, id: str, ended: Callable[[JobRow], Any]) -> None:
         except StudioError:  # removed in another tab
             timer.cancel()
             return
-        bar.value = job.share
-        stage.text = "waiting for other jobs" if job.state == "waiting" else f"{job.stage or 'starting'} …"
+        stage = "waiting for other jobs" if job.state == "waiting" else job.stage or "starting"
+        row.show(stage[:1].upper() + stage[1:], job.share)
         if job.ended:
             timer.cancel()
             ended(job)
 
-    with ui.row().classes("w-full items-center no-wrap"):
-        stage = ui.label().classes("w-40").props('role="status"')
-        bar = ui.linear_progress(show_value=False).props('aria-label="Progress" rounded')
-        cancel = ui.button(icon="close", color=None, on_click=lambda: studio.jobs.cancel(id))
-        cancel.props('flat round aria-label="Cancel"')
+    row = ProgressRow(lambda: studio.jobs.cancel(id))
     timer = ui.timer(JOB_POLL_SECONDS, poll)
 
 
@@ -158,23 +155,35 @@ def advanced() -> ui.expansion:
     return ui.expansion("Advanced", icon="tune").classes("w-full")
 
 
+def empty_state(icon: str, headline: str, words: str) -> ui.element:
+    """What is shown where there is nothing yet, or nobody was found; more can be put inside by `with`."""
+    with ui.column().classes("empty w-full items-center gap-1") as box:
+        ui.icon(icon, size="3rem").props('aria-hidden="true"').classes("opacity-70")
+        ui.label(headline).classes("text-h6 text-center")
+        ui.label(words).classes("text-center")
+    return box
+
+
 @contextmanager
 def _layout(studio: Studio, title: str, path: str) -> Iterator[None]:
     """The header with links and the choice of colours; the page's own content goes inside."""
     ui.colors(primary=_PRIMARY_COLOUR)
     ui.add_head_html('<link rel="stylesheet" href="/static/studio.css">')
+    script("drops.js")
     ui.button.default_props("no-caps")
     with ui.header().classes("bar"):
         ui.link("Skip to content", "#content").classes("sr-only focus:not-sr-only")
-        with ui.element("nav").props('aria-label="Pages"').classes("flex items-center grow gap-x-4 gap-y-1"):
-            ui.link("Guise", "/").classes("max-sm:hidden text-bold mr-4")
+        with ui.link(target="/").classes("home flex items-center gap-2 text-bold"):
+            ui.element("img").props('src="/static/favicon.svg" alt=""').classes("w-8 h-8")
+            ui.label("Guise")
+        with ui.element("nav").props('aria-label="Pages"').classes("pages flex items-center grow gap-x-4"):
             for name, target in LINKS.items():
                 here = 'aria-current="page"' if target == "/" + path.split("/")[1] else ""
                 ui.link(name, target).props(here)
         _colour_choice(studio)
     # within the layout's own <main>
-    with ui.element("div").props('id="content" tabindex="-1"').classes("w-full max-w-5xl mx-auto"):
-        heading(title, 1)
+    with ui.element("div").props('id="content" tabindex="-1"').classes("content w-full mx-auto"):
+        heading(title, 1).classes("sr-only" if path == "/" else "")
         yield
 
 

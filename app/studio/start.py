@@ -12,16 +12,22 @@ from guise.app.studio.videos import sample_clip
 
 AGREED = "consent"  # the setting
 CONSENT = (
-    "Guise changes faces in your own videos and in front of your own camera. Pictures, clips and models of faces stay "
-    "in a folder on this computer that only you can read; nothing is sent anywhere, and you can delete all of it here.",
-    "Show and change faces only of people who agreed to it, and say of what you make that it was made: its files are "
-    "marked as synthetic. The built-in faces are of people who do not exist.",
+    "Guise changes faces in your own videos and photos, and in front of your own camera. Everything stays in a folder "
+    "on this computer that only you can read. Nothing is sent anywhere, and you can delete all of it here.",
+    "Change and show faces only of people who agreed, and tell people that what you made is synthetic: its files are "
+    "marked as such. The built-in faces belong to nobody.",
 )
 CHOICES = (
-    ("Live", "/live", "videocam", "Another face in front of your camera, in this window."),
-    ("Swap a video", swap.PATH, "movie", "Other faces for the people in a video."),
-    ("De-identify", deidentify.PATH, "visibility_off", "Hide who is in a video and keep their expressions."),
+    ("Live", "/live", "videocam", "Another face at your camera, while you speak."),
+    ("Swap a video or photo", swap.PATH, "movie", "Another face for anybody in a video or a photo."),
+    (
+        "De-identify",
+        deidentify.PATH,
+        "visibility_off",
+        "Hide who is in a video or a photo, keep the expressions.",
+    ),
 )
+SAMPLE_WORDS = "Left: the clip. Right: the same clip with other faces. These people do not exist."
 
 
 def register(studio: Studio) -> None:
@@ -41,11 +47,24 @@ def _start(studio: Studio) -> None:
         studio.store.remember(AGREED, True)
         content.refresh()
 
-    content()
+    with ui.element("div").classes("desk"):
+        _moving_sample()
+        with ui.column().classes("w-full"):
+            content()
+
+
+def _moving_sample() -> None:
+    """What Guise does, in a few seconds; it rests for those who want less motion."""
+    with ui.column().classes("picture w-full gap-2"):
+        video = ui.element("video").props("muted loop playsinline controls").classes("full")
+        video.props["src"], video.props["aria-label"] = "/static/sample.mp4", "A clip before and after a swap"
+        still = "(prefers-reduced-motion: reduce)"
+        video.on("loadeddata", js_handler=f"(e) => matchMedia('{still}').matches || e.target.play()")
+        ui.label(SAMPLE_WORDS).classes("opacity-70")
 
 
 def _consent(agree: Callable[[], None]) -> None:
-    with ui.card().classes("w-full max-w-2xl"):
+    with ui.card().classes("w-full"):
         heading("Before you begin").classes(remove="mt-4")
         for sentence in CONSENT:
             ui.label(sentence)
@@ -53,22 +72,21 @@ def _consent(agree: Callable[[], None]) -> None:
 
 
 def _choices(studio: Studio) -> None:
-    with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-3"):
-        for name, path, icon, words in CHOICES:
-            with (
-                ui.link(target=path).classes("choice w-full"),
-                ui.card().classes("w-full h-full items-center"),
-            ):
-                ui.icon(icon, size="4rem").props('aria-hidden="true"')
+    for name, path, icon, words in CHOICES:
+        with (
+            ui.link(target=path).classes("choice w-full"),
+            ui.card().classes("w-full"),
+            ui.row().classes("items-center no-wrap"),
+        ):
+            ui.icon(icon, size="3rem").props('aria-hidden="true"')
+            with ui.column().classes("gap-0"):
                 ui.label(name).classes("text-h6")
-                ui.label(words).classes("text-center")
-    heading("No video at hand?")
-    with ui.row():
-        ui.button(
-            "Swap a sample clip", icon="movie", on_click=lambda: swap.begin(studio, sample_clip(studio))
-        )
-        hide = ui.button(
-            "De-identify a sample clip", icon="visibility_off",
-            on_click=lambda: deidentify.begin(studio, sample_clip(studio)),
-        )  # fmt: skip
-        hide.props("outline")
+                ui.label(words)
+    ui.label("Nothing at hand? Try a sample:")
+    with ui.row().classes("gap-2"):
+        for words, icon, begin in (
+            ("Swap a clip", "movie", swap.begin),
+            ("De-identify a clip", "visibility_off", deidentify.begin),
+        ):
+            button = ui.button(words, icon=icon)
+            button.on_click(lambda begin=begin: begin(studio, sample_clip(studio))).props("outline")

@@ -76,18 +76,22 @@ class _SwapPage(VideoPage):
             self._faces[able[0]] = self._proposed()
         if able and self.job.about["name"] == SAMPLE and not self.made:
             start_rendering(self.studio, WORK, self.job, SwapChoices(dict(self._faces)))
-        with ui.element("div").classes("w-full grid gap-4"):
-            for one in people:
-                self._person(one)
-        with ui.row():
-            self._mode = choice_row("Mode", MODES, "swap")
-        with ui.row() as others:
-            self._others = choice_row("Others", OTHERS, "leave")
-        others.bind_visibility_from(self, "_faces", lambda faces: len(faces) < len(people))
-        self._frame = FrameComparison(self._draw, self.job.result["frames"] - 1, self.job.result["first"])
-        for choice in (self._mode, self._others):
-            choice.on_value_change(self._frame.update)
-        ui.button("Swap the video", icon="movie", on_click=self._render)
+        with ui.element("div").classes("desk"):
+            with ui.column().classes("picture w-full"):
+                self._frame = FrameComparison(
+                    self._draw, self.job.result["frames"] - 1, self.job.result["first"]
+                )
+            with ui.column().classes("w-full"):
+                for one in people:
+                    self._person(one)
+                self._mode = choice_row("Mode", MODES, "swap")
+                with ui.row() as others:
+                    self._others = choice_row("Others", OTHERS, "leave")
+                others.bind_visibility_from(self, "_faces", lambda faces: len(faces) < len(people))
+                for choice in (self._mode, self._others):
+                    choice.on_value_change(self._frame.update)
+                with ui.element("div").classes("act w-full"):
+                    ui.button("Swap the video", icon="movie", on_click=self._render).classes("w-full")
 
     def _proposed(self) -> str:
         face = self.studio.store.setting(FACE)
@@ -98,16 +102,17 @@ class _SwapPage(VideoPage):
     def _person(self, one: dict[str, Any]) -> None:
         number = str(one["number"])
         folder = self.studio.store.folder_of(self.job.id)
-        with ui.card().classes("w-full"), ui.row().classes("w-full items-start no-wrap"):
-            picture = ui.image(self.studio.url(folder / f"{number}.jpg")).classes("w-24 shrink-0")
-            picture.props["alt"] = f"Person {number}"
-            with ui.column().classes("grow gap-1"):
-                ui.label(f"Person {number}").classes("text-bold")
-                ui.label(one["why_not"] or f"in {one['frames']} of {self.job.result['frames']} frames")
-                if not one["why_not"]:
-                    faces = {"": "own face", **self.studio.faces()}
-                    chosen, label = self._faces.get(number, ""), f"Face of person {number}"
-                    Portraits(self.studio, faces, chosen, label, partial(self._choose, number))
+        with ui.card().classes("w-full"):
+            with ui.row().classes("items-center no-wrap"):
+                picture = ui.image(self.studio.url(folder / f"{number}.jpg")).classes("w-20 shrink-0 rounded")
+                picture.props["alt"] = f"Person {number}"
+                with ui.column().classes("gap-0"):
+                    ui.label(f"Person {number}").classes("text-bold")
+                    ui.label(one["why_not"] or f"in {one['frames']} of {self.job.result['frames']} frames")
+            if not one["why_not"]:
+                faces = {"": "own face", **self.studio.faces()}
+                chosen, label = self._faces.get(number, ""), f"Face of person {number}"
+                Portraits(self.studio, faces, chosen, label, partial(self._choose, number))
 
     async def _choose(self, number: str, spec: str) -> None:
         faces = {key: face for key, face in self._faces.items() if key != number}
@@ -132,21 +137,21 @@ class _SwapPage(VideoPage):
 
     def result(self, job: JobRow) -> None:
         folder, facts = self.studio.store.folder_of(job.id), job.result
-        ui.label(_sentence(facts)).props('role="status"')
-        for words in _qualities(facts):
-            ui.label(words)
-        with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2"):
-            for words, path in (("Before", Path(job.about["source"])), ("After", folder / facts["output"])):
-                with ui.column().classes("gap-1"):
+        before, after = Path(job.about["source"]), folder / facts["output"]
+        with ui.element("div").classes("desk"):
+            shown_moving(self.studio.url(after), after, "The video after").classes("full")
+            with ui.column().classes("w-full"):
+                ui.label(_sentence(facts)).props('role="status"')
+                for words in _qualities(facts):
                     ui.label(words)
-                    shown_moving(self.studio.url(path), path, f"The video {words.lower()}").classes("w-full")
-        name = f"{job.about['name']}_swapped"
-        with ui.row().classes("items-center"):
-            download_row(self.studio, {
-                words: (folder / file, name + Path(file).suffix)
-                for words, file in (("video", facts["output"]), ("report (JSON)", REPORT))
-            })  # fmt: skip
-            ui.button("Delete this rendering", color=None, on_click=partial(self._remove, job)).props("flat")
+                download_row(self.studio, {
+                    words: (folder / file, f"{job.about['name']}_swapped" + Path(file).suffix)
+                    for words, file in (("video", facts["output"]), ("report (JSON)", REPORT))
+                })  # fmt: skip
+                ui.label("Before:")
+                shown_moving(self.studio.url(before), before, "The video before").classes("w-full rounded")
+                delete = ui.button("Delete this rendering", icon="delete", color=None)
+                delete.on_click(partial(self._remove, job)).props("flat")
 
     def _remove(self, job: JobRow) -> None:
         self.studio.store.remove_job(job.id)

@@ -133,11 +133,12 @@ def shown_moving(url: str, path: Path, label: str) -> ui.element:
 
 def uploader(
     studio: Studio, label: str, done: Callable[[Any], Awaitable[None] | None], kinds: Sequence[UploadKind] = (CLIP,),
-    *, several: bool = False,
+    *, several: bool = False, hint: str = "",
 ) -> ui.upload:  # fmt: skip
-    """A button that uploads a file as soon as it is chosen, and says why when it is refused.
+    """A place for files, which are dropped on it, pasted, or chosen with its button, and uploaded at once.
 
-    done : called with the upload.   several : more than one file can be chosen at once.
+    done : called with each upload; why a file is refused is said.   several : more than one file can be given at once.
+    hint : makes it a large place, with these words.
     """
 
     async def uploaded(event: events.UploadEventArguments) -> None:
@@ -156,13 +157,18 @@ def uploader(
         button.props(remove="loading")
         show_error(StudioError("The upload was interrupted: try again."))
 
-    field = ui.upload(
-        auto_upload=True, multiple=several, max_file_size=studio.limit, on_upload=uploaded
-    ).classes("hidden")
+    with ui.element("div").classes("drop w-full drop-large" if hint else "drop drop-small") as place:
+        field = ui.upload(
+            auto_upload=True, multiple=several, max_file_size=studio.limit, on_upload=uploaded
+        ).classes("hidden")
+        if hint:
+            ui.icon("upload_file", size="3rem").props('aria-hidden="true"').classes("opacity-70")
+            ui.label(hint)
+        button = ui.button(label, icon="upload")
+    place.props["data-drop"] = str(field.id)
     field.props["accept"] = ",".join(
         filter(None, [part for kind in kinds for part in (kind.media, *sorted(kind.suffixes))])
     )
-    button = ui.button(label, icon="upload")
     button.on("click", js_handler=f"() => getElement({field.id}).$refs.qRef.pickFiles()")
     field.on("uploading", lambda: button.props("loading"))
     field.on("finish", field.reset, args=[])  # not earlier: it would interrupt the others

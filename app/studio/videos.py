@@ -17,10 +17,10 @@ from nicegui import events, run, ui
 
 from guise.app.studio.dialogs import confirm
 from guise.app.studio.pictures import data_url
-from guise.app.studio.site import Studio, heading, local_time, show_job
+from guise.app.studio.site import Studio, empty_state, heading, local_time, show_job
 from guise.app.studio.store import CLIP, JobRow, MissingError, Upload
 from guise.app.studio.uploads import CLIP as CLIPS
-from guise.app.studio.uploads import UploadKind, uploader
+from guise.app.studio.uploads import UploadKind, shown_moving, uploader
 from guise.common.arrays import U8
 from guise.common.errors import GuiseError
 from guise.common.failures import explain
@@ -28,6 +28,7 @@ from guise.common.files import write_whole
 from guise.common.samples import samples_folder
 
 PREVIEW_WIDTH_PIXELS = 1280
+DROP_HINT = "Drop videos here"
 SAMPLE, SAMPLE_FILE = "A sample clip", Path("p01", "talk2.mp4")
 _BAD = "var(--q-negative)"
 
@@ -135,15 +136,18 @@ class VideoList:
     def build(self) -> None:
         """The whole page."""
         studio, work = self._studio, self._work
-        with ui.column().classes("w-full"):
-            ui.label(work.intro)
-            with ui.row():
-                field = uploader(studio, "Upload videos", self._uploaded, (work.uploads,), several=True)
+        ui.label(work.intro).classes("mb-4")
+        with ui.element("div").classes("desk"):
+            with ui.column().classes("w-full"):
+                field = uploader(
+                    studio, "Choose files", self._uploaded, (work.uploads,), several=True, hint=DROP_HINT
+                )
                 field.on("added", self._count, js_handler="(files) => emit(files.length)")
+                self._clips()
                 sample = ui.button("Try a sample clip", icon="movie")
                 sample.on_click(lambda: begin(studio, work, sample_clip(studio))).props("outline")
-            self._clips()
-            self.entries()
+            with ui.column().classes("w-full"):
+                self.entries()
 
     def _count(self, event: events.GenericEventArguments) -> None:
         self._chosen = int(event.args)
@@ -173,13 +177,14 @@ class VideoList:
         delete_unused(self._studio, self._work)
         jobs = found_videos(self._studio, self._work)
         if not jobs:
+            empty_state("movie", "No videos yet", "What you begin is listed here, with its progress.")
             return
-        if len(jobs) > 1:
-            self._several()
-        heading("Videos")
+        heading("Videos").classes(remove="mt-4")
         with ui.list().props("bordered separator role=group").classes("w-full"):
             for job in jobs:
                 self._entry(job)
+        if len(jobs) > 1:
+            self._several()
 
     def _entry(self, job: JobRow) -> None:
         made = renderings(self._studio, self._work, job.id)
@@ -231,12 +236,11 @@ class VideoPage:
 
     def build(self) -> None:
         """The whole page."""
-        with ui.column().classes("w-full"):
-            with ui.row().classes("w-full items-center"):
-                ui.link("All videos", self.work.path)
-                title(self.job.about["name"]).classes("grow break-all")
-                ui.button("Delete", icon="delete", color=None, on_click=self._delete).props("flat")
-            self._content()
+        with ui.row().classes("w-full items-center mb-2"):
+            ui.link("All videos", self.work.path)
+            title(self.job.about["name"]).classes("grow break-all")
+            ui.button("Delete", icon="delete", color=None, on_click=self._delete).props("flat")
+        self._content()
 
     @property
     def made(self) -> list[JobRow]:
@@ -249,12 +253,25 @@ class VideoPage:
         if not job.ended:
             ui.label(self.work.finding)
             show_job(self.studio, job.id, lambda _: self._content.refresh())
+            source = Path(job.about["source"])
+            if source.is_relative_to(self.studio.store.folder):  # not that of a review on the command line
+                shown_moving(self.studio.url(source), source, "The video").classes("full")
         elif job.state == "done":
-            self.choices()
             self.results()
+            self.choices()
         else:
             delete_unused(self.studio, self.work)
-            banner(_BAD, "Nothing was done", job.sentence or "You cancelled it.")
+            self._nothing(job)
+
+    def _nothing(self, job: JobRow) -> None:
+        """Why nothing came of a video."""
+        if job.state == "cancelled":
+            empty_state("block", "Cancelled", "Nothing was done.")
+        else:
+            why, _, advice = job.sentence.partition(": ")
+            empty_state(
+                "search_off", why[:1].upper() + why[1:], advice[:1].upper() + advice[1:] + "." * bool(advice)
+            ).props('role="status"')
 
     @ui.refreshable_method
     def results(self) -> None:
@@ -297,13 +314,17 @@ class FrameComparison:
     ) -> None:
         self._draw = draw
         self._wanted = 0  # counts the changes that a frame is wanted for
+        self.drawn = False  # whether there is a frame to be seen
         self._busy = asyncio.Lock()
-        with ui.element("div").classes("w-full relative") as stage:
-            stage.props('role="group" aria-label="A frame before and after"')
+        with ui.element("div").classes("frame-stage") as self._stage:
+            stage = self._stage.props('role="group" aria-label="A frame before and after"')
+            self._spinner = ui.spinner(size="4rem")
             self._before = ui.element("img").classes("w-full block").props('alt="Before"')
             self._after = ui.element("img").classes("w-full block absolute top-0 left-0").props('alt="After"')
             self._after.style("clip-path: inset(0 0 0 30%)")
             border = ui.element("div").classes("border-between").style("left: 30%")
+            for part in (self._before, self._after, border):  # until there is a frame
+                part.bind_visibility_from(self, "drawn")
             if boxed is not None:
                 stage.classes("box-stage")
                 stage.on("pointerdown", js_handler="(e) => guiseBoxes.begin(e)")
@@ -337,17 +358,29 @@ class FrameComparison:
         async with self._busy:
             if mine != self._wanted:
                 return
-            self._said.text = "drawing the frame …"
+            self._said.text = "Drawing the frame …"
+            self._spinner.set_visibility(True)
             began = time.perf_counter()
             try:
                 drawn = await run.io_bound(self._draw, self.frame)
             except GuiseError as error:
                 self._said.text = explain(error)[0]
                 return
-            for image, picture in zip((self._before, self._after), drawn or (), strict=False):
-                image.props["src"] = data_url(picture)
-                image.update()
+            finally:
+                self._spinner.set_visibility(False)
+            if drawn is None:  # the studio is closing
+                return
+            self._show(*drawn)
             self._said.text = f"Frame {self.frame}, drawn in {time.perf_counter() - began:.1f} s."
+
+    def _show(self, before: U8, after: U8) -> None:
+        """Show a frame, as large as the window allows."""
+        for image, picture in ((self._before, before), (self._after, after)):
+            image.props["src"] = data_url(picture)
+            image.update()
+        height, width = before.shape[:2]
+        self._stage.style(f"max-width: max(18rem, calc((100dvh - 20rem) * {width / height:.4f}))")
+        self.drawn = True
 
 
 def title(text: str, level: int = 2) -> ui.label:
