@@ -11,6 +11,7 @@ from models import model_file
 from guise.app.cli.main import main
 from guise.app.people.info import describe
 from guise.app.tools import doctor
+from guise.app.tools.doctor import Finding, conclusion
 from guise.render import GLMissing
 
 ROOT = Path(__file__).parents[1]
@@ -72,8 +73,31 @@ def test_doctor_looks_at_everything(capsys: pytest.CaptureFixture[str]) -> None:
     assert set(found) == {"system", "packages", "extras", "codecs", "hardware", "drawing", "faces", "cameras"}
     assert found["codecs"]["libx264 (writes)"]["ok"]
     assert found["faces"]["lbp"]["ok"]
+    assert main(["doctor", "--verbose"]) == 0
+    listed = capsys.readouterr().out
+    assert "libx264" in listed
     assert main(["doctor"]) == 0
-    assert "libx264" in capsys.readouterr().out
+    assert listed.endswith(sentence := capsys.readouterr().out)
+    assert sentence.startswith("Everything you need for files works")
+    assert len(sentence.splitlines()) == 1
+
+
+def test_doctor_ends_with_what_to_do() -> None:
+    camera = Finding("cameras", "/dev/video0", True, "Camera")
+    missing = Finding("extras", "virtualcam", None, 'pip install "guise-video[virtualcam]"')
+    driver = Finding("cameras", "loopback", None, "load v4l2loopback")
+    assert conclusion([camera]) == "Everything you need for files works."
+    assert conclusion([camera, missing]) == (
+        'Everything you need for files works; for a virtual camera: pip install "guise-video[virtualcam]".'
+    )
+    assert conclusion([missing, driver]) == (
+        "Everything you need for files works; for a virtual camera: "
+        'pip install "guise-video[virtualcam]", and load v4l2loopback.'
+    )
+    codec = Finding("codecs", "libx264 (writes)", False, "not in this PyAV: pip install --upgrade av")
+    assert conclusion([missing, codec]) == (
+        "Not everything that files need works: libx264 (writes), not in this PyAV: pip install --upgrade av."
+    )
 
 
 def test_doctor_names_cameras(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -43,14 +43,20 @@ def demo(
 
 
 @takes
-def doctor(console: Shown) -> None:
-    """Check what works on this computer, and show how to install the rest."""
-    from guise.app.tools.doctor import as_json, examine
+def doctor(
+    *,
+    verbose: Annotated[bool, typer.Option("--verbose", help="List everything that was looked at.")] = False,
+    console: Shown,
+) -> None:
+    """Say what works on this computer, and how to install the rest."""
+    from guise.app.tools.doctor import as_json, conclusion, examine
 
     findings = examine()
-    words = {True: "works", False: "missing", None: "optional"}
-    rows = [[f.topic, f.name, words[f.ok], f.detail] for f in findings]
-    console.grid("Guise on this computer", ["", "what", "", "detail"], rows)
+    if verbose:
+        words = {True: "works", False: "missing", None: "optional"}
+        rows = [[f.topic, f.name, words[f.ok], f.detail] for f in findings]
+        console.grid("Guise on this computer", ["", "what", "", "detail"], rows)
+    console.say(conclusion(findings))
     console.result(as_json(findings))
 
 

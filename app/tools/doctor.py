@@ -37,21 +37,24 @@ _PACKAGES = (
     "opencv-contrib-python-headless",
     "numpy",
     "scipy",
-    "scikit-image",
     "moderngl",
+    "nicegui",
     "onnxruntime",
     "safetensors",
 )
 _EXTRAS = {
     "window": ("moderngl-window", "glfw", "sounddevice"),
     "virtualcam": ("pyvirtualcam",),
-    "studio": ("nicegui",),
     "cluster": ("distributed", "fsspec"),
     "provenance": ("c2pa-python", "cryptography"),
     "plots": ("matplotlib",),
     "compressed": ("DracoPy", "meshoptimizer"),
+    "lbp": ("scikit-image",),
 }
+# What is for live pictures only -> the findings that it depends on.
+_LIVE = {"a window": ["window"], "a virtual camera": ["virtualcam", "loopback"], "your own picture": ["none"]}
 _VIDEO_DEVICES = Path("/sys/class/video4linux")
+_VIRTUAL_DEVICES = Path("/sys/devices/virtual/video4linux")
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,18 @@ def examine() -> list[Finding]:
         _cameras,
     ]
     return [finding for check in checks for finding in check()]
+
+
+def conclusion(findings: list[Finding]) -> str:
+    """One sentence: whether files can be worked on, and what live pictures need besides."""
+    wrong = [f"{f.name}, {f.detail}" for f in findings if f.ok is False and f.topic != "cameras"]
+    if wrong:
+        return f"Not everything that files need works: {'; '.join(wrong)}."
+    wanted = ["Everything you need for files works"]
+    for what, names in _LIVE.items():
+        steps = [f.detail for f in findings if f.name in names and f.ok is None]
+        wanted += [f"for {what}: {', and '.join(steps)}"] if steps else []
+    return "; ".join(wanted) + "."
 
 
 def as_json(findings: list[Finding]) -> dict[str, Any]:
@@ -153,7 +168,7 @@ def _faces() -> Iterator[Finding]:
         open_detector("lbp")
         yield Finding("faces", "lbp", True, "face boxes, by the cascade of scikit-image")
     except LandmarkError as error:
-        yield Finding("faces", "lbp", False, str(error))
+        yield Finding("faces", "lbp", None, str(error))
     for name in ("yunet", "centerface"):
         yield Finding(
             "faces", name, None, f"face boxes, by a model that you download: --detector {name}:MODEL.onnx"
@@ -161,6 +176,9 @@ def _faces() -> Iterator[Finding]:
 
 
 def _cameras() -> Iterator[Finding]:
+    if platform.system() != "Linux":
+        yield Finding("cameras", "any", None, "shown by `guise live`, which asks the system for one")
+        return
     devices = sorted(_VIDEO_DEVICES.glob("video*")) if _VIDEO_DEVICES.is_dir() else []
     for device in devices:
         name = device / "name"
@@ -168,5 +186,9 @@ def _cameras() -> Iterator[Finding]:
         node = Path("/dev") / device.name
         ok = os.access(node, os.R_OK | os.W_OK)
         yield Finding("cameras", str(node), ok, title if ok else f"{title}; no access: join the group video")
+    virtual = _VIRTUAL_DEVICES.is_dir() and any(_VIRTUAL_DEVICES.iterdir())
     if not devices:
-        yield Finding("cameras", "none", None, "no camera is connected; files work without")
+        yield Finding("cameras", "none", None, "connect a camera")
+    yield Finding(
+        "cameras", "loopback", virtual or None, "a virtual camera" if virtual else "load v4l2loopback"
+    )
