@@ -1,12 +1,14 @@
-"""Generate docs/cli.md from the commands themselves.
+"""Generate docs/cli.md and the manual page docs/guise.1 from the commands themselves.
 
-python docs/make_cli.py          writes the page
-python docs/make_cli.py --check  fails when the page is out of date
+python docs/make_cli.py          writes both
+python docs/make_cli.py --check  fails when one is out of date
 """
 
 from __future__ import annotations
 
+import re
 import sys
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from types import UnionType
@@ -15,8 +17,10 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 import typer
 
 from guise.app.cli.commands import GROUPS, command_line, commands
+from guise.common.version import VERSION
 
 PAGE = Path(__file__).with_name("cli.md")
+MANUAL = Path(__file__).with_name("guise.1")
 INTRODUCTION = """# Commands
 
 Generated from the commands by docs/make_cli.py; `guise COMMAND --help` shows the same.
@@ -49,6 +53,36 @@ So are the defaults, but for these:
 
 Former names of options work until version 0.3, with a note: see the [changelog](../CHANGELOG.md).
 """
+MANUAL_END = """.SH FILES
+.TP
+guise.toml
+Options that are given every time, in the folder where the command is run or in the user's folder of settings.
+.SH ENVIRONMENT
+.TP
+GUISE_PEOPLE
+The folder in which people are kept.
+.TP
+GUISE_SETTINGS
+The user's folder of settings.
+.TP
+GUISE_DEBUG
+1 shows where a fault of Guise happened.
+.SH EXIT STATUS
+.TP
+0
+Done.
+.TP
+1
+A fault in Guise; of guise deidentify, a file failed, or a face may be visible in an output.
+.TP
+2
+A mistake in the command line or the input, said in one sentence.
+.TP
+3
+Of guise deidentify: done, but some frames are not verified.
+.TP
+130
+Interrupted."""
 WORDS = {int: "INTEGER", float: "NUMBER", str: "TEXT", Path: "PATH"}
 
 
@@ -134,14 +168,55 @@ def default(param: Any) -> str:
     return f"`{given}`"
 
 
+def manual() -> str:
+    """The manual page, in the macros of man(7)."""
+    return "\n".join(
+        [
+            f'.TH GUISE 1 "" "Guise {VERSION}" "User Commands"',
+            ".SH NAME",
+            rf"guise \- {roff(str(whole().help).removesuffix('.'))}",
+            ".SH SYNOPSIS",
+            ".B guise",
+            r"\fICOMMAND\fR [\fIARGUMENTS\fR]... [\fIOPTIONS\fR]",
+            ".SH COMMANDS",
+            *(line for name, command in commands(whole()) for line in manual_section(name, command)),
+            *(roff_or_macro(line) for line in MANUAL_END.splitlines()),
+            "",
+        ]
+    )
+
+
+def manual_section(name: str, command: Any) -> Iterator[str]:
+    """A command of the manual: what it does, arguments, options."""
+    hints = get_type_hints(command.callback)
+    yield from (f'.SS "guise {name}"', roff(command.help))
+    for param in sorted(command.params, key=lambda p: p.opts[0].startswith("-")):
+        if param.name == "help":
+            continue
+        spelling = re.findall("`([^`]*)`", row(param, hints).replace("\\|", "|"))[0]
+        usual = default(param).replace("`", "")
+        more = "" if not usual else " Required." if param.required else f" Default: {usual}."
+        yield from (".TP", rf"\fB{roff(spelling)}\fR", roff(f"{param.help}{more}"))
+
+
+def roff_or_macro(line: str) -> str:
+    """A line of the manual's end: a macro as it is, other text with its characters kept."""
+    return line if re.match(r"\.[A-Z]{2}\b", line) else roff(line)
+
+
+def roff(text: str) -> str:
+    """Text for troff, whose own characters are kept from it."""
+    text = text.replace("\\", r"\e").replace("-", r"\-").replace("`", "")
+    return re.sub(r"(?m)^([.'])", r"\\&\1", text)
+
+
 def main() -> None:
-    """Write or check the page."""
-    text = page()
-    if sys.argv[1:] == ["--check"]:
-        if not PAGE.is_file() or PAGE.read_text(encoding="utf-8") != text:
-            sys.exit("docs/cli.md is out of date: run python docs/make_cli.py")
-        return
-    PAGE.write_text(text, encoding="utf-8")
+    """Write or check both."""
+    for path, text in ((PAGE, page()), (MANUAL, manual())):
+        if sys.argv[1:] != ["--check"]:
+            path.write_text(text, encoding="utf-8")
+        elif not path.is_file() or path.read_text(encoding="utf-8") != text:
+            sys.exit(f"docs/{path.name} is out of date: run python docs/make_cli.py")
 
 
 if __name__ == "__main__":

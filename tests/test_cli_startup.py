@@ -1,5 +1,6 @@
 """What a command imports, the version least of all; and how `guise --help` groups the commands."""
 
+import os
 import re
 import resource
 import subprocess
@@ -86,3 +87,28 @@ def test_swapping_imports_nothing_of_enrolment(tmp_path: Path) -> None:
     loaded = modules_after(f"from guise.app.cli.main import main; assert main({arguments!r}) == 0", tmp_path)
     assert {"numpy", "cv2", "av"} <= loaded
     assert loaded.isdisjoint({"scipy", "skimage", "rich", "moderngl", "ssl", "http"})
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("guise deid", ["deidentify"]),
+        ("guise analogy mesh re", ["register"]),
+        ("guise swap --uns", ["--unsure"]),
+        ("guise swap --unsure ", ["cover", "hold", "leave"]),
+    ],
+)
+def test_a_shell_completes_commands_options_and_values(
+    line: str, expected: list[str], tmp_path: Path
+) -> None:
+    """Also where a file of options is broken."""
+    (tmp_path / "guise.toml").write_text("crf = ", encoding="utf-8")
+    asked = {"_GUISE_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(line.count(" "))}
+    done = subprocess.run(
+        [sys.executable, "-m", "guise"],
+        cwd=tmp_path,
+        env={**os.environ, **asked},
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout.split() == expected

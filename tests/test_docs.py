@@ -103,7 +103,8 @@ def test_commands_on_the_pages_exist_with_their_options(line: str) -> None:
     _, *words = shlex.split(line)
     names = [name for name in known if words[: len(name.split())] == name.split()]
     groups = [name for name in known if name.split()[: len(words)] == words]
-    assert words[0] in ("COMMAND", "--help", "--version") or names or groups, line
+    alone = {opt for param in typer.main.get_command(command_line()).params for opt in param.opts}
+    assert words[0] in {"COMMAND", "--help", *alone} or names or groups, line
     for name in names:
         options = {opt for param in known[name].params for opt in [*param.opts, "--help"]}
         assert {w.split("=")[0] for w in words if w.startswith("-")} <= options
@@ -138,7 +139,19 @@ def test_one_command_makes_every_picture_and_each_is_on_a_page() -> None:
 
 
 def test_the_page_of_commands_is_up_to_date() -> None:
-    assert (ROOT / "docs" / "cli.md").read_text(encoding="utf-8") == script("make_cli").page()
+    make_cli = script("make_cli")
+    assert (ROOT / "docs" / "cli.md").read_text(encoding="utf-8") == make_cli.page()
+    assert (ROOT / "docs" / "guise.1").read_text(encoding="utf-8") == make_cli.manual()
+
+
+def test_the_manual_has_every_command_and_no_line_that_troff_would_take_for_its_own() -> None:
+    text = (ROOT / "docs" / "guise.1").read_text(encoding="utf-8")
+    assert re.findall(r'^\.SS "guise (.*)"$', text, re.M) == list(every_command())
+    assert {line.split()[0] for line in text.splitlines() if line[:1] in (".", "'")} == {
+        ".TH", ".SH", ".SS", ".TP", ".B",
+    }  # fmt: skip
+    roff = script("make_cli").roff
+    assert roff(".pts files, or a\\b") == r"\&.pts files, or a\eb"
 
 
 def test_the_page_of_commands_names_every_option() -> None:
@@ -183,8 +196,8 @@ def wrong_hints(text: str) -> list[str]:
 
 @pytest.mark.parametrize(
     "hint",
-    ["pip install guise", 'pip install "guise"', "pip install -U guise", 'pip install "guise[studio' + ']"',
-     "guise[studio" + "]", "pip install guise-video" + "[studio]", 'pip install "guise-video[window,nothing' + ']"'],
+    ["pip install guise", 'pip install "guise"', "pip install -U guise", 'pip install "guise[window' + ']"',
+     "guise[window" + "]", "pip install guise-video" + "[window]", 'pip install "guise-video[window,nothing' + ']"'],
 )  # fmt: skip
 def test_a_wrong_hint_is_found(hint: str) -> None:
     assert wrong_hints(hint)

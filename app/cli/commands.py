@@ -42,7 +42,6 @@ def command_line(name: str | None = None) -> typer.Typer:
     made = typer.Typer(
         cls=_InGroups,
         no_args_is_help=True,
-        add_completion=False,
         pretty_exceptions_enable=False,
         help="Swap faces in video in real time, and de-identify video, on an ordinary CPU.",
     )

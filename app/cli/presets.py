@@ -18,6 +18,8 @@ _META = "guise.entries"  # what a context holds: by parameter, the entry that it
 
 def take_defaults(context: typer.Context, preset: str | None) -> str | None:
     """Make what the files say the defaults of a command; called before its other options are read."""
+    if context.resilient_parsing:  # for a shell that completes a command
+        return preset
     path = _path(context)
     known = _options(context.command)
     entries: dict[str, Entry] = {}
