@@ -32,6 +32,7 @@ FOLDERS = {
     "render": "render",
 }
 MOST_BYTES = 20e6
+IMAGE = "/opt/guise"  # where the image has the environment
 DISTRIBUTIONS = {
     "PIL": "pillow",
     "c2pa": "c2pa-python",
@@ -76,10 +77,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     built = subprocess.run(
         [*command, copy_of_tree(folder / "tree")], capture_output=True, text=True, check=False
     )
-    if built.returncode and re.search(
-        "ConnectionError|NewConnection|No matching distribution|resolve", built.stderr
-    ):
-        pytest.skip("building a wheel needs setuptools from the package index, which cannot be reached")
+    skip_without_index(built)
     assert built.returncode == 0, built.stderr
     [file] = folder.glob("*.whl")
     return file
@@ -92,8 +90,8 @@ def contents(wheel: Path) -> set[str]:
 
 
 @pytest.fixture(scope="module")
-def project(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
-    """A project with an app.py and a render/ of its own, and an environment of its own with the wheel in it.
+def project(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
+    """A project with an app.py and a render/ of its own, and an environment of its own, made as the README says.
 
     The libraries that Guise needs are those of the environment that the tests run in.
     """
@@ -102,14 +100,60 @@ def project(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path
     for file in ("app.py", "render/__init__.py"):
         (folder / file).write_text('NAME = "the project\'s own"\n', encoding="utf-8")
     (folder / "own.py").write_text(OWN_PROJECT, encoding="utf-8")
-    subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder / "env"], check=True)
-    python = folder / "env" / "bin" / "python"
-    subprocess.run(
-        [sys.executable, "-m", "pip", "--python", python, "install", "-q", "--no-deps", "--no-index", wheel],
-        check=True,
-    )
-    environment = {**os.environ, "PYTHONPATH": sysconfig.get_path("purelib")}
+    tree, environment = copy_of_tree(folder / "tree"), with_libraries(externally_managed(folder / "python"))
+    *lines, last = readme_lines()
+    assert last == ".venv/bin/guise demo"
+    for line in lines:
+        in_shell(line, tree, environment)
+    (folder / "env").symlink_to(tree / ".venv")
     return folder, environment
+
+
+def readme_lines() -> list[str]:
+    """What the README says to run with Python alone."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8").split("## Use\n")[0]
+    return re.findall(r"^```sh\n(.*?)^```", text, re.M | re.S)[-1].splitlines()
+
+
+def externally_managed(folder: Path) -> Path:
+    """A Python that takes no packages, as that of Debian: this one, in a prefix of its own with the marker file."""
+    stdlib = Path(sysconfig.get_path("stdlib"))
+    lib = folder / "lib" / stdlib.name
+    if lib.is_dir():
+        return folder / "bin"
+    lib.mkdir(parents=True)
+    for path in stdlib.iterdir():
+        if path.name != "site-packages":
+            (lib / path.name).symlink_to(path)
+    (lib / "site-packages").mkdir()
+    (lib / "EXTERNALLY-MANAGED").unlink(missing_ok=True)
+    (lib / "EXTERNALLY-MANAGED").write_text("[externally-managed]\nError=ask the system\n", encoding="utf-8")
+    (folder / "bin").mkdir()
+    for name in ("python", "python3"):
+        shutil.copy(Path(sys._base_executable).resolve(), folder / "bin" / name)  # type: ignore[attr-defined]
+    return folder / "bin"
+
+
+def with_libraries(path: Path) -> dict[str, str]:
+    """Environment variables: programs of a folder first, and the libraries of the tests for every Python."""
+    return {
+        **os.environ, "PATH": f"{path}:{os.environ['PATH']}", "PYTHONDONTWRITEBYTECODE": "1", "PIP_QUIET": "1",
+        "PYTHONPATH": os.pathsep.join(path for path in sys.path if path.endswith("-packages")),
+    }  # fmt: skip
+
+
+def in_shell(line: str, folder: Path, environment: dict[str, str]) -> None:
+    """Run a line as it stands; the test is skipped where it needs the package index and there is none."""
+    done = subprocess.run(["sh", "-c", line], cwd=folder, env=environment, capture_output=True, text=True)
+    skip_without_index(done)
+    assert done.returncode == 0, (line, done.stderr)
+
+
+def skip_without_index(done: subprocess.CompletedProcess[str]) -> None:
+    if done.returncode and re.search(
+        "ConnectionError|NewConnection|No matching distribution|resolve", done.stderr
+    ):
+        pytest.skip("building a wheel needs setuptools from the package index, which cannot be reached")
 
 
 def copy_of_tree(to: Path) -> Path:
@@ -119,7 +163,50 @@ def copy_of_tree(to: Path) -> Path:
         shutil.copy(ROOT / name, to)
     for folder in (*FOLDERS, "sample_videos"):
         shutil.copytree(ROOT / folder, to / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    (to / "docs").mkdir()
+    shutil.copy(ROOT / "docs" / "guise.1", to / "docs")
     return to
+
+
+@pytest.mark.slow
+def test_the_systems_python_refuses_and_the_lines_of_the_readme_do_not_need_it(
+    project: tuple[Path, dict[str, str]],
+) -> None:
+    folder, environment = project
+    run = partial(subprocess.run, cwd=folder / "tree", env=environment, capture_output=True, text=True)
+    refused = run([folder / "python" / "bin" / "python3", "-m", "pip", "install", "."])
+    assert (refused.returncode, "externally-managed-environment" in refused.stderr) == (1, True)
+    done = run([folder / "env" / "bin" / "guise", "--version"])
+    assert done.stdout == f"guise {PROJECT['project']['version']}\n"
+    manual = (folder / "env" / "share" / "man" / "man1" / "guise.1").read_text(encoding="utf-8")
+    assert manual == (ROOT / "docs" / "guise.1").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_the_lines_of_the_dockerfile_install_guise(tmp_path: Path) -> None:
+    """Its first stage is run in a folder, with the environment in the place that the second one copies."""
+    text = (ROOT / "Dockerfile").read_text(encoding="utf-8")
+    build, final = [stage.splitlines() for stage in re.split(r"(?m)^FROM ", text)[1:]]
+    assert [stage[0].split()[0] for stage in (build, final)] == ["python:3.12-slim"] * 2
+    assert f"COPY --from=build {IMAGE} {IMAGE}" in final
+    assert f"ENV PATH={IMAGE}/bin:$PATH HOME=/home/guise" in final
+    assert 'ENTRYPOINT ["guise"]' in final
+    source, made = tmp_path / "source", tmp_path / "opt"
+    source.mkdir()
+    for instruction in build[1:]:
+        word, _, rest = instruction.partition(" ")
+        if word == "COPY":
+            *names, to = rest.split()
+            in_shell(f"mkdir -p {source / to if len(names) > 1 else (source / to).parent}", ROOT, {})
+            in_shell(f"cp -r {' '.join(names)} {source / to}", ROOT, {})
+        elif word == "RUN":
+            in_shell(
+                rest.replace(IMAGE, str(made)), source, with_libraries(externally_managed(tmp_path / "py"))
+            )
+        else:
+            assert (word, rest) in [("WORKDIR", "/source"), ("", "")]
+    done = subprocess.run([made / "bin" / "guise", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"guise {PROJECT['project']['version']}\n"
 
 
 @pytest.mark.slow
@@ -137,7 +224,9 @@ def test_every_file_of_the_packages_is_in_the_wheel(contents: set[str]) -> None:
 @pytest.mark.slow
 def test_the_wheel_installs_one_name(contents: set[str]) -> None:
     top = {name.split("/")[0] for name in contents}
-    assert {name for name in top if not name.endswith(".dist-info")} == {"guise"}
+    assert {name for name in top if not name.endswith((".dist-info", ".data"))} == {"guise"}
+    [manual] = [name for name in contents if ".data/" in name]
+    assert manual.endswith(".data/data/share/man/man1/guise.1")
 
 
 @pytest.mark.slow
@@ -153,9 +242,9 @@ def test_the_wheel_is_small(wheel: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_readme_says_how_large_the_wheel_is(wheel: Path) -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    [told] = re.findall(r"wheel is about (\d+) MB", text)
+def test_the_page_says_how_large_the_wheel_is(wheel: Path) -> None:
+    text = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
+    [told] = re.findall(r"wheel of Guise itself is about (\d+) MB", text)
     assert abs(int(told) - wheel.stat().st_size / 1e6) < 1.0
 
 

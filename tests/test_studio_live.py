@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 from made_up import SAMPLES
 
-pytest.importorskip("nicegui")
 pytest.importorskip("playwright")
 sys.path.append(str(Path(__file__).parents[1] / "docs"))  # scripts of the checkout
 import studio_picture

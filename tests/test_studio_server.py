@@ -298,13 +298,6 @@ def test_a_port_that_is_taken_is_one_sentence(server: StudioServer, tmp_path: Pa
     assert done.stderr == f"error: port {server.port} is in use: choose another --port\n"
 
 
-def test_a_missing_extra_is_one_sentence() -> None:
-    code = "import sys; sys.modules['nicegui'] = None; from guise.app.cli.main import main; sys.exit(main(['studio']))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == 'error: the studio needs nicegui: pip install "guise-video[studio]"\n'
-
-
 def test_a_signal_ends_it_as_ctrl_c_does(tmp_path: Path) -> None:
     with studio(tmp_path) as server:
         assert server.stop(signal.SIGTERM) == 0

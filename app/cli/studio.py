@@ -45,12 +45,7 @@ def run_studio(
     """Run the studio until it is interrupted, with the browser at the page that `begin` gives."""
     from platformdirs import user_data_path
 
-    from guise.app.studio.store import StudioError
-
-    try:
-        from guise.app.studio.server import serve
-    except ModuleNotFoundError as error:
-        raise StudioError(f'the studio needs {error.name}: pip install "guise-video[studio]"') from error
+    from guise.app.studio.server import serve
 
     def announce(address: str) -> None:
         console.say(f"The studio is at {address} until you press Ctrl-C.")

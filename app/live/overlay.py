@@ -143,8 +143,7 @@ def readout_rows(stats: PipelineStats) -> tuple[Row, ...]:
 def _message_rows(shown: OutputFrame, frame: Frame) -> tuple[Row, ...]:
     """The warning about the frame and the message, in lines that fit."""
     lines = textwrap.wrap(shown.message, max(12, int(1.7 * frame.width / _font_size(frame))))
-    missing: tuple[Row, ...] = (((shown.missing, GREY),),) if shown.missing else ()
-    return (*WARNINGS.get(shown.result.outcome, ()), *(((line, WHITE),) for line in lines), *missing)
+    return (*WARNINGS.get(shown.result.outcome, ()), *(((line, WHITE),) for line in lines))
 
 
 @dataclass(frozen=True, eq=False)
