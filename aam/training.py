@@ -268,7 +268,7 @@ def train_identity(
     textures = np.stack([o.texture for o in training])
     if options.equalise_light:
         textures = equalised_light(textures, skin_mask(reference)[reference.mask], reference)
-    mask = learn_mask(textures, reference, _parsed_face(training, reference))
+    mask = learn_mask(textures, reference, parsed_face(training, reference))
     appearance = _appearance(training, textures, mask, observations, choice, reference, options)
     progress(0.2)
     tracker = train_tracker(
@@ -326,7 +326,7 @@ def _at_rest(observations: dict[int, Observation], choice: Choice) -> tuple[list
     return [o for o, _ in kept], kept[0][1]
 
 
-def _parsed_face(training: Sequence[Observation], reference: ReferenceFrame) -> F32 | None:
+def parsed_face(training: Sequence[Observation], reference: ReferenceFrame) -> F32 | None:
     """(h, w) mean share of the face in the parsed frames, on a reference frame's grid; None without such frames."""
     parsed = [o.face for o in training if o.face is not None]
     if not parsed:

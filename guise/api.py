@@ -223,7 +223,7 @@ def swap_file(
     from guise.app.drawing.look import SWAP
     from guise.app.enrolment.landmark_source import LandmarkSource
     from guise.app.media import EncodeOptions
-    from guise.app.swapping.file import swap_file as swap
+    from guise.app.photos.swap import swap_any
     from guise.app.swapping.report import SwapSettings
 
     shown = _identity(identity)
@@ -232,7 +232,7 @@ def swap_file(
         progress=progress, say=say,
     )  # fmt: skip
     person = LandmarkSource() if source is None else _source(source, shown)
-    return swap(Path(video), shown, Path(output), source=person, settings=settings)
+    return swap_any(Path(video), shown, Path(output), source=person, settings=settings)
 
 
 def deidentify(

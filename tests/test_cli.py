@@ -242,11 +242,11 @@ def test_force_replaces(capsys: pytest.CaptureFixture[str], people: Path) -> Non
     assert (people / "out.mp4").stat().st_size > 1000
 
 
-def test_one_image_needs_a_source(capsys: pytest.CaptureFixture[str], people: Path) -> None:
+def test_a_puppets_image_needs_a_source(capsys: pytest.CaptureFixture[str], people: Path) -> None:
     import cv2
 
     cv2.imwrite("one.png", np.full((64, 64, 3), 90, np.uint8))
-    code, _, err = run(capsys, "swap", "one.png", "--identity", "p06.guise", "-o", "two.png")
+    code, _, err = run(capsys, "puppet", "one.png", "--identity", "p06.guise", "-o", "two.png")
     assert code == 2
     assert err == (
         "error: one.png is a single image, which isn't enough to enroll a face from: give the model of the person in "
@@ -261,7 +261,7 @@ def test_a_fault_is_one_sentence(
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("of course")
 
-    monkeypatch.setattr("guise.app.swapping.file.swap_file", broken)
+    monkeypatch.setattr("guise.app.photos.swap.swap_any", broken)
     code, _, err = run(capsys, "swap", TALK2, *SWAP)
     assert code == 1
     assert err == "error: Guise failed (ZeroDivisionError: of course); GUISE_DEBUG=1 shows where\n"

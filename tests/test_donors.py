@@ -92,7 +92,7 @@ def test_own_models_are_donors(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("spec", ["p99", "../p01", "mean:p01+p99"])
 def test_an_unknown_donor_is_one_sentence(spec: str) -> None:
-    with pytest.raises(DonorError, match=r"there is no donor .*; use NAME.guise, or one of Luca, "):
+    with pytest.raises(DonorError, match=r"there is no donor .*; use NAME.guise, a photo, or one of Luca, "):
         open_donor(spec)
 
 

@@ -28,7 +28,7 @@ ROOMS = {
     "app.swapping": {"aam", "render", "common", "app.media", "app.people", "app.enrolment", "app.drawing"},
     "app.landmarks": {"aam", "common", "app.media"},
     "app.measure": {"aam", "common", "app.media", "app.people", "app.swapping"},
-    "app.photos": {"aam", "analogy", "common", "app.media", "app.enrolment", "app.swapping"},
+    "app.photos": {"aam", "analogy", "common", "app.media", "app.enrolment", "app.people", "app.swapping"},
     "app.meshes": {"aam", "analogy", "render", "common", "app.media"},
     "app.live": _SCIENCE - {"analogy"} | _PARTS,
     "app.deidentify": {"render", "common", "app.media", "app.drawing", "app.swapping"},

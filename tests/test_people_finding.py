@@ -16,16 +16,8 @@ from guise.app.enrolment.enrol import EnrolError, enrol
 from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.media import open_input
 from guise.app.people import finding
-from guise.app.people.finding import (
-    MIN_ALIKE,
-    Piece,
-    VideoPeople,
-    find_people,
-    group,
-    load_people,
-    people_followed,
-    save_people,
-)
+from guise.app.people.finding import MIN_ALIKE, Piece, find_people, group, people_followed
+from guise.app.people.found import VideoPeople, load_people, save_people
 
 pytestmark = pytest.mark.slow
 

@@ -8,7 +8,6 @@ import pytest
 
 from guise.app.cli.main import main
 from guise.app.media import MediaError
-from guise.app.swapping import file
 from guise.app.swapping.report import FileTimes, SwapReport
 
 
@@ -28,7 +27,7 @@ def swapped(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Path, Path]]:
         output.write_bytes(video.read_bytes() if video.is_file() else b"")
         return SwapReport(str(output), 2, 0, 1, 0, FileTimes(1.0, 1.0, 0.1, 0.0), "cpu", 1, 0.0, ())
 
-    monkeypatch.setattr(file, "swap_file", fake)
+    monkeypatch.setattr("guise.app.photos.swap.swap_any", fake)
     monkeypatch.setattr("guise.app.cli.video._open", lambda *given: (None, None))
     return asked
 

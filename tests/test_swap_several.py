@@ -15,7 +15,7 @@ from guise.app.cli.main import main
 from guise.app.drawing.look import SWAP
 from guise.app.enrolment.enrol import EnrolError
 from guise.app.media import EncodeOptions, open_input
-from guise.app.people.finding import UnknownFaces, VideoPeople, VideoPerson
+from guise.app.people.found import UnknownFaces, VideoPeople, VideoPerson
 from guise.app.swapping.report import SwapError, SwapSettings
 from guise.app.swapping.several import Casting, choose, swap_people
 

@@ -145,10 +145,10 @@ def _swapper(
         from guise.app.swapping.several import swap_people
 
         return lambda video, output, settings: swap_people(video, casting, output, settings=settings)
-    from guise.app.swapping.file import swap_file
+    from guise.app.photos.swap import swap_any
 
     shown, person = _open(identity, source, landmarks, landmarker)
-    return lambda video, output, settings: swap_file(video, shown, output, source=person, settings=settings)
+    return lambda video, output, settings: swap_any(video, shown, output, source=person, settings=settings)
 
 
 def _say_swap(console: Console, report: SwapReport) -> None:

@@ -6,7 +6,10 @@ For each pass of the plan, run it (the way of a frame, docs/conventions.md).  Pi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
+
+import numpy as np
 
 from guise.aam.landmarks import Face as FoundFace
 from guise.aam.model import Identity
@@ -66,10 +69,16 @@ class Engine(Closing):
 
     def __init__(self, source: Identity, target: Donor, finder: FaceFinder | None, look: Look = SWAP) -> None:
         self.plan = plan = Plan.of(source, target, look)
-        self.tracker = PersonTracker(plan.person.tracker, finder, rest=plan.person.rest_frame)
+        self._finder = finder
         self.solid = SolidTracker(plan.rest)
         self.memory = Memory()
         self._in_profile, self._doubt = False, 0.0
+
+    @cached_property
+    def tracker(self) -> PersonTracker:
+        """Finds the person in a video's frames."""
+        person = self.plan.person
+        return PersonTracker(person.tracker, self._finder, rest=person.rest_frame)
 
     def swap(self, frame: Frame) -> SwapResult:
         """Swap the face in a frame, in place; a frame in which the person is lost stays as it is.
@@ -78,13 +87,27 @@ class Engine(Closing):
         """
         return self.swap_tracked(frame, self.track(frame))
 
+    def follow(self, frame: Frame, face: FoundFace | None) -> Fit | Failed:
+        """Where the person is in the next frame, as somebody else has found it, or that they are not in it.
+
+        Of a person who is known from a photo alone, this is all that tells.
+        """
+        if face is not None and not self.is_tracked:
+            return Fit(face.points.astype(np.float64), np.zeros(0), 0.0, face.confidence)
+        return self.tracker.follow(frame.luma, face) if self.is_tracked else Failed("no face there")
+
+    @property
+    def is_tracked(self) -> bool:
+        """Whether the person's model tells them from others."""
+        return len(self.plan.person.tracker.pixels) > 0
+
     def track(self, frame: Frame) -> Fit | Failed:
         """Where the person is in the next frame; may run ahead of `swap_tracked` in another thread."""
         return self.tracker.update(frame.luma)
 
     def swap_face(self, frame: Frame, face: FoundFace | None) -> SwapResult:
         """As `swap` where a tracker of several people has found the person's face, or that it isn't in the frame."""
-        return self.swap_tracked(frame, self.tracker.follow(frame.luma, face))
+        return self.swap_tracked(frame, self.follow(frame, face))
 
     def swap_tracked(self, frame: Frame, fit: Fit | Failed) -> SwapResult:
         """As `swap` where `track` has found the person in the frame."""

@@ -45,7 +45,8 @@ from guise.aam.training import (
 from guise.app.enrolment.landmark_source import LandmarkSource, landmark_file
 from guise.app.enrolment.quality import weaknesses
 from guise.app.media import frames_at, open_input
-from guise.app.people.finding import VideoPerson, find_people, people_followed
+from guise.app.people.finding import find_people, people_followed
+from guise.app.people.found import VideoPerson
 from guise.common.arrays import F32, F64, Int
 from guise.common.errors import GuiseError
 from guise.common.progress import Progress, Say, mute, silent

@@ -15,8 +15,6 @@ from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -34,8 +32,15 @@ from guise.aam.recognition import (
 from guise.aam.reference import ReferenceFrame
 from guise.app.media import Frame, MediaInput
 from guise.app.people.faces import SMALL_SIZE, CutDetector, SegmentFaces, SegmentTracker, detect_boxes
-from guise.common.arrays import F32, F64, I32, U8, Bool
-from guise.common.files import write_arrays
+from guise.app.people.found import (
+    THUMBNAIL_PIXELS,
+    UnknownFaces,
+    VideoPeople,
+    VideoPerson,
+    head_picture,
+    people_in_photo,
+)
+from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.threads import one_thread
 
 # Measured on pieces of 20 frames of 41 clips: 97 of 100 pairs of one clip are more alike than this, and of the
@@ -53,8 +58,6 @@ class PieceLimits:
     min_sure_frames: int = 8  # of a piece that may begin a new person
     min_person_frames: int = 12  # of a person; fewer are nobody's
     near_head_boxes: float = 0.75  # of two heads' rectangles, shrunk by this; where they meet, tracks may mix
-    first_frames: int = 30  # that say where somebody is first seen
-    thumbnail_pixels: int = 160
 
 
 LIMITS = PieceLimits()
@@ -113,67 +116,13 @@ class PieceCollector:
         piece.add(frame.index, texture)
 
 
-@dataclass(frozen=True, eq=False)
-class VideoPerson:
-    """A person in a video, a row for each frame in which they are seen.
-
-    Parameters
-    ----------
-    number : from 1, in the order of appearance; larger faces first.
-    frames, boxes, turns, points, confidence : (n,) ascending, (n, 4), (n,) radians, (n, 81, 2) or NaN, (n,) of the
-        points.
-    signature : (64,).
-    thumbnail : (h, h, 3) of the clearest frame.
-    """
-
-    number: int
-    frames: I32
-    boxes: F32
-    turns: F32
-    points: F32
-    confidence: F32
-    signature: F32
-    thumbnail: U8
-
-    @property
-    def width(self) -> float:
-        """Median width of the face, pixels."""
-        return float(np.median(self.boxes[:, 2] - self.boxes[:, 0]))
-
-    @property
-    def first_x(self) -> float:
-        """Place across the picture where they are first seen, pixels."""
-        return float(np.median(self.boxes[: LIMITS.first_frames, [0, 2]].mean(1)))
-
-    def landmarks(self, count: int) -> F64:
-        """(count, 81, 2) of every frame of the video; NaN where they are not seen."""
-        rows = np.full((count, *self.points.shape[1:]), np.nan)
-        rows[self.frames] = self.points
-        return rows
-
-
-@dataclass(frozen=True, eq=False)
-class UnknownFaces:
-    """Faces that are nobody's for certain: (m,) frames, ascending; (m, 4) boxes; (m,) scores; (m,) turns."""
-
-    frames: I32
-    boxes: F32
-    scores: F32
-    turns: F32
-
-
-@dataclass(frozen=True, eq=False)
-class VideoPeople:
-    """All people of a video, the faces that are nobody's, the first frames of new shots, and the number of frames."""
-
-    people: tuple[VideoPerson, ...]
-    unknown: UnknownFaces
-    cuts: tuple[int, ...]
-    count: int
-
-
 def find_people(media: MediaInput, progress: Callable[[float], None] = lambda share: None) -> VideoPeople:
-    """Find the people of a video; a pass over all its frames.   progress : called with the finished share."""
+    """Find the people of a video; a pass over all its frames.   progress : called with the finished share.
+
+    In a photo, everybody whose face is found is somebody.
+    """
+    if media.kind == "image":
+        return people_in_photo(next(iter(media)))
     tracker, collector, thumbnails = SegmentTracker(BuiltinLandmarker()), PieceCollector(), _Thumbnails()
     count = 0
     waiting: dict[int, Frame] = {}
@@ -195,30 +144,6 @@ def find_people(media: MediaInput, progress: Callable[[float], None] = lambda sh
             count += 1
             progress(min(1.0, count / max(1, media.frame_count or 1)))
     return _people(tracker.faces(), tracker.numbers(), collector.pieces, thumbnails, count)
-
-
-def save_people(path: Path, found: VideoPeople) -> None:
-    """Write what was found, as arrays."""
-    arrays: dict[str, NDArray[Any]] = {"cuts": np.array(found.cuts, np.int32), "count": np.array(found.count)}
-    for place, part in enumerate((found.unknown, *found.people)):
-        arrays |= {f"{place}.{name}": np.asarray(value) for name, value in vars(part).items()}
-    write_arrays(path, arrays, compressed=False)
-
-
-def load_people(path: Path) -> VideoPeople:
-    """What `save_people` has written."""
-    with np.load(path, allow_pickle=False) as file:
-        arrays = dict(file)
-    parts: dict[int, dict[str, Any]] = defaultdict(dict)
-    for key, value in arrays.items():
-        place, _, name = key.partition(".")
-        if name:
-            parts[int(place)][name] = value
-    people = [
-        VideoPerson(**one | {"number": int(one["number"])}) for place, one in parts.items() if place > 0
-    ]
-    cuts = tuple(arrays["cuts"].tolist())
-    return VideoPeople(tuple(people), UnknownFaces(**parts[0]), cuts, int(arrays["count"]))
 
 
 def group(pieces: Sequence[Piece], cuts: Sequence[int] = ()) -> list[F32]:
@@ -421,23 +346,11 @@ class _Thumbnails:
         """The track's face in another frame."""
         clearness = confidence * float(np.sqrt(max(box[2] - box[0], 1)))
         if clearness > 1.02 * self._best.get(track, (-1.0,))[0]:
-            self._best[track] = clearness, head_picture(frame, box, LIMITS.thumbnail_pixels)
+            self._best[track] = clearness, head_picture(frame, box, THUMBNAIL_PIXELS)
 
     def best(self, tracks: set[int]) -> U8:
         """Of several tracks."""
         return max((self._best[track] for track in tracks), key=lambda one: one[0])[1]
-
-
-def head_picture(frame: Frame, box: F32, side: int) -> U8:
-    """A square picture (side, side, 3) of the head with a face's box (4,); grey beyond the frame."""
-    x0, y0, x1, y1 = region(box)
-    length = max(x1 - x0, y1 - y0)
-    left, top, scale = (x0 + x1 - length) / 2, (y0 + y1 - length) / 2, side / length
-    matrix = np.array([[scale, 0, -left * scale], [0, scale, -top * scale]])
-    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-    return np.asarray(
-        cv2.warpAffine(frame.quick_rgb(), matrix, (side, side), flags=how, borderValue=(64, 64, 64)), np.uint8
-    )
 
 
 def _meet(box: F32, other: F32) -> bool:

@@ -21,7 +21,8 @@ from guise.app.media import EncodeOptions, open_input
 from guise.app.media.pictures import letterboxed, save_picture
 from guise.app.media.segments import Scan, scan
 from guise.app.media.stream_copies import suffix_for
-from guise.app.people.finding import find_people, load_people, save_people
+from guise.app.people.finding import find_people
+from guise.app.people.found import load_people, save_people
 from guise.app.studio.pictures import fitted_to, frames_until
 from guise.app.studio.store import StudioError
 from guise.app.swapping.donors import open_face

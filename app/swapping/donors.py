@@ -1,8 +1,8 @@
 """Donors: whose face a person gets, chosen without looking at the person.
 
 A donor is given by its spec: ``p03``, a person of the gallery that ships with Guise; ``NAME.guise``, a model of the
-user's own; ``mean:p01+p04`` or ``mean:A.guise+B.guise``, the average of several.  Users see and may give first names
-instead of the gallery's numbers: ``Mei`` is ``p03``.
+user's own; ``NAME.jpg``, a photo of somebody; ``mean:p01+p04`` or ``mean:A.guise+B.guise``, the average of several.
+Users see and may give first names instead of the gallery's numbers: ``Mei`` is ``p03``.
 
 A key file remembers people and their donors, so that a person keeps a donor from video to video.
 """
@@ -28,6 +28,7 @@ import numpy as np
 from guise.aam.averaging import average
 from guise.aam.model import Identity, ModelError
 from guise.aam.recognition import MIN_SAME_PERSON_SIMILARITY, SIGNATURE_LENGTH, cosine_similarity, signature
+from guise.app.media.file_kind import has_image_name
 from guise.app.people.kept import everybody
 from guise.common.arrays import F32
 from guise.common.files import write_whole
@@ -73,11 +74,25 @@ def open_donor(spec: str) -> Identity:
     if (id := fictional(spec)) is not None:
         with _gallery_file(id) as path:
             return replace(Identity.load(path), name=FIRST_NAMES[id])
-    if not spec.endswith(MODEL_SUFFIX):
-        raise DonorError(
-            f"there is no donor {spec}; use NAME.guise, or one of {', '.join(FIRST_NAMES.values())}"
-        )
-    return Identity.load(spec)
+    if spec.endswith(MODEL_SUFFIX):
+        return Identity.load(spec)
+    if is_photo(spec):
+        from guise.app.enrolment.photo import person_of_photo  # which models need not
+
+        return person_of_photo(Path(spec), anybody())
+    raise DonorError(
+        f"there is no donor {spec}; use NAME.guise, a photo, or one of {', '.join(FIRST_NAMES.values())}"
+    )
+
+
+def is_photo(spec: str) -> bool:
+    """Whether a spec is the file of a picture."""
+    return has_image_name(Path(spec)) and Path(spec).is_file()
+
+
+def anybody() -> Identity:
+    """The average of the gallery: how a face moves of which nothing but a photo is known."""
+    return open_donor(MEAN_PREFIX + "+".join(gallery()))
 
 
 def _gallery_file(id: str) -> AbstractContextManager[Path]:
@@ -127,7 +142,7 @@ def face_spec(face: str) -> str:
         When there is none.
     """
     path = Path(face)
-    if face.startswith(MEAN_PREFIX) or path.suffix == MODEL_SUFFIX:
+    if face.startswith(MEAN_PREFIX) or path.suffix == MODEL_SUFFIX or is_photo(face):
         return face
     if path.is_file():
         raise DonorError(
@@ -138,7 +153,7 @@ def face_spec(face: str) -> str:
         return str(people[face])
     if (id := fictional(face)) is None:
         raise DonorError(
-            f"there is no face {face}: give NAME{MODEL_SUFFIX}, or one of "
+            f"there is no face {face}: give NAME{MODEL_SUFFIX}, a photo, or one of "
             f"{', '.join([*FIRST_NAMES.values(), *people])}"
         )
     return id
@@ -148,6 +163,11 @@ def face_spec(face: str) -> str:
 def face_file(face: str) -> Iterator[Path]:
     """The model file of the face that a user names, as for `face_spec`, within a `with` block."""
     spec = face_spec(face)
+    if is_photo(spec):
+        raise DonorError(
+            f"{face} is not a model of a face: make one from it with: guise enroll {face} -o "
+            f"{Path(face).stem}{MODEL_SUFFIX}"
+        )
     if (id := fictional(spec)) is None:
         yield Path(spec)
         return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,7 @@ from guise.common.errors import GuiseError
 from guise.common.progress import Progress, Say, mute, silent
 
 if TYPE_CHECKING:
+    from guise.aam.model import Identity
     from guise.app.swapping.grade import Grade
 
 
@@ -78,6 +80,13 @@ class SwapSettings:
 
 
 DEFAULTS = SwapSettings()
+
+
+def say_consent(faces: Iterable[Identity], say: Say) -> None:
+    """Say of whom nothing but a photo lends a face."""
+    for face in faces:
+        if face.facts.get("made_from") == "one photo":
+            say(f"{face.name} is known from one photo: use it only if the person agrees")
 
 
 class SwapError(GuiseError):
@@ -164,6 +173,36 @@ class SwapReport(UntouchedFrames):
             **times,
             "frames_per_second": rate,
         }
+
+
+@dataclass(frozen=True)
+class PersonOutcome:
+    """What was done with a person: number, face ("" if none), and frames in which they were swapped, covered, left.
+
+    grade, advice : of their swap, as for `SwapReport`.
+    """
+
+    number: int
+    face: str
+    swapped: int
+    covered: int
+    left: int
+    grade: int | None = None
+    advice: str = ""
+
+
+@dataclass(frozen=True)
+class SeveralReport(SwapReport):
+    """What was done to a file and to each person in it.
+
+    A frame counts as covered if somebody whom the user named is, else as swapped if anybody is.
+    """
+
+    people: tuple[PersonOutcome, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as JSON holds it."""
+        return super().as_json() | {"people": [vars(person) for person in self.people]}
 
 
 class Tally:

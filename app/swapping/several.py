@@ -1,8 +1,9 @@
-"""Swap several people of a video, each for a face of their own.
+"""Swap several people of a video or a photo, each for a face of their own.
 
 The people are found first (`guise.app.people.finding`), so that everybody keeps their face through crossings and cuts;
 then each frame is drawn by one engine a person.  What happens to whom is decided as in de-identification
-(`guise.app.swapping.policy`): where it isn't certain who or where somebody is, they are covered.
+(`guise.app.swapping.policy`): where it isn't certain who or where somebody is, they are covered.  Of a photo's people
+no more is known than it shows (`guise.aam.one_photo`).
 
 Pixels as shown, x right, y down; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; frames counted from 0.
 """
@@ -15,12 +16,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, takewhile
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from guise.aam.landmarks import Face, open_landmarker
 from guise.aam.model import Identity
+from guise.aam.one_photo import person_in_photo
 from guise.aam.recognition import cosine_similarity, signature
 from guise.aam.training import TrainingError, TrainingOptions
 from guise.app.drawing.donor import Donor
@@ -30,9 +32,10 @@ from guise.app.media import Frame, MediaInput, open_input, open_sink, process
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.media.time_range import TimeRange, within
 from guise.app.people import kept
-from guise.app.people.finding import MIN_ALIKE, VideoPeople, VideoPerson, find_people
+from guise.app.people.finding import MIN_ALIKE, find_people
+from guise.app.people.found import VideoPeople, VideoPerson, people_in_photo
 from guise.app.swapping.cover import CoverStyle
-from guise.app.swapping.donors import MODEL_SUFFIX, assign, fictional, open_donor, open_face
+from guise.app.swapping.donors import MODEL_SUFFIX, anybody, assign, fictional, open_donor, open_face
 from guise.app.swapping.grade import grade
 from guise.app.swapping.policy import (
     COVERED,
@@ -47,14 +50,23 @@ from guise.app.swapping.policy import (
     TrackObservations,
     decide,
 )
-from guise.app.swapping.report import DEFAULTS, SwapError, SwapReport, SwapSettings, Tally
+from guise.app.swapping.report import (
+    DEFAULTS,
+    PersonOutcome,
+    SeveralReport,
+    SwapError,
+    SwapSettings,
+    Tally,
+    say_consent,
+)
 from guise.app.swapping.session import SwapSession
+from guise.common.arrays import U8
 from guise.common.closing import Closing
 from guise.common.threads import one_thread
 
 Others = Literal["leave", "cover", "fictional"]
-Learn = Callable[[VideoPerson, Identity], Identity]  # the model of a person, to be shown as another
 PLACES = ("left", "right", "largest")
+Learn = Callable[[VideoPerson, Identity], Identity]  # the model of a person, to be shown as another
 
 
 @dataclass(frozen=True)
@@ -64,13 +76,24 @@ class Casting:
     Parameters
     ----------
     faces : by the person in the video ("left", "right", "largest", a number of `find_people`, NAME.guise or the name of
-        somebody who is kept) the face, as for `open_face`.
+        somebody who is kept) the face, as for `open_face`, or its model.
     others : what happens to everybody else.   cover : how a face is covered.
     """
 
-    faces: Mapping[str, str]
+    faces: Mapping[str, str | Identity]
     others: Others = "leave"
     cover: CoverStyle = "mosaic"
+
+    def opened(self) -> dict[str, Identity]:
+        """By person, the model of the face."""
+        return {
+            who: face if isinstance(face, Identity) else open_face(face) for who, face in self.faces.items()
+        }
+
+    def called(self, who: str) -> str:
+        """The name of the face that somebody gets."""
+        face = self.faces[who]
+        return face.name if isinstance(face, Identity) else face
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,36 +102,6 @@ class KnownVideo:
 
     found: VideoPeople
     models: Mapping[int, Identity]
-
-
-@dataclass(frozen=True)
-class PersonOutcome:
-    """What was done with a person: number, face ("" if none), and frames in which they were swapped, covered, left.
-
-    grade, advice : of their swap, as for `SwapReport`.
-    """
-
-    number: int
-    face: str
-    swapped: int
-    covered: int
-    left: int
-    grade: int | None = None
-    advice: str = ""
-
-
-@dataclass(frozen=True)
-class SeveralReport(SwapReport):
-    """What was done to a file and to each person in it.
-
-    A frame counts as covered if somebody whom the user named is, else as swapped if anybody is.
-    """
-
-    people: tuple[PersonOutcome, ...] = ()
-
-    def as_json(self) -> dict[str, Any]:
-        """The report as JSON holds it."""
-        return super().as_json() | {"people": [vars(person) for person in self.people]}
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +136,7 @@ def swap_people(
 
     Parameters
     ----------
-    video : a video or a folder of images.
+    video : a video, an image or a folder of images.
     output : its suffix decides what is written; it appears only when it is complete.
     settings : see `SwapSettings`; with `unsure` "leave", who is to be swapped is never covered.
     known : what `find_people` and `learn_person` have given for the video, so that it isn't done again.
@@ -155,13 +148,10 @@ def swap_people(
     GuiseError
         For a user's mistake.
     """
-    faces = {who: open_face(spec) for who, spec in casting.faces.items()}
+    faces = casting.opened()
+    say_consent(faces.values(), settings.say)
     with contextlib.ExitStack() as stack:
         media = stack.enter_context(open_input(video))
-        if media.kind == "image":
-            raise SwapError(
-                f"{media.name} is a single image: --map needs a video, for one image give --identity"
-            )
         made_from = {str(face.facts["made_from"]) for face in faces.values() if "made_from" in face.facts}
         tags = synthetic_tags(" and ".join(sorted(made_from)))
         shown, before = media, 0
@@ -173,7 +163,7 @@ def swap_people(
                 known = KnownVideo(find_people(media, lambda share: settings.progress("faces", share)), {})
             found = known.found
             roles = _roles(media.name, known, casting, faces, _learner(media, known, settings), settings)
-            plan = _plan(found, roles, casting, settings, float(media.frame_rate))
+            plan = _plan(found, roles, casting, settings, _rate(media))
             tally, is_within = Tally(settings, shown, "swapping"), within(settings.drawn)
             with one_thread(), _Drawing(roles, plan, casting.cover, settings) as drawing:
 
@@ -183,14 +173,16 @@ def swap_people(
 
                 stats = process(shown, sink, draw, progress=tally.progress)
                 outcomes = drawing.outcomes()
-            if not any(one.swapped for one in outcomes):
-                raise SwapError(
-                    f"nobody could be swapped in {media.name}: their faces are too small, hidden or turned"
-                )
+            require_some(outcomes, media.name)
             tally.renderer = drawing.session.renderer
         report = tally.report(output, stats, sink.first_packet)
     most = max(Counter(int(f) for person in found.people for f in person.frames).values(), default=0)
     return SeveralReport(**vars(replace(report, faces=most)), people=outcomes)
+
+
+def _rate(media: MediaInput) -> float:
+    """Frames a second; the only one of a photo is as long as any."""
+    return 1.0 if media.kind == "image" else float(media.frame_rate)
 
 
 def _frames_before(media: MediaInput, part: TimeRange) -> int:
@@ -202,6 +194,8 @@ def _frames_before(media: MediaInput, part: TimeRange) -> int:
 def choose(found: VideoPeople, who: str, video: str) -> tuple[VideoPerson, Identity | None]:
     """The person whom a user means, and their model if that is how they are named; see `Casting`."""
     people = found.people
+    if not people and found.count == 1:
+        raise SwapError(f"no face is seen in {video}: use a photo that shows one more clearly")
     if not people:
         raise SwapError(f"nobody is seen long enough in {video} to be swapped: use a longer or clearer video")
     if who == "largest":
@@ -241,7 +235,7 @@ def draw_frame(
 
     video : its name.   rate : frames a second.   People without a model in `known` are covered or refused.
     """
-    faces = {who: open_face(spec) for who, spec in casting.faces.items()}
+    faces = casting.opened()
 
     def learn(person: VideoPerson, like: Identity) -> Identity:
         if person.number not in known.models:
@@ -253,6 +247,34 @@ def draw_frame(
     with one_thread(), _Drawing(roles, plan, casting.cover, settings) as drawing:
         for frame in frames:
             drawing.draw(frame)
+
+
+def draw_photo(
+    photo: U8, casting: Casting, *, found: VideoPeople | None = None, settings: SwapSettings = DEFAULTS
+) -> tuple[U8, tuple[PersonOutcome, ...], VideoPeople]:
+    """A photo (h, w, 3) as `swap_people` would draw it, what was done with everybody, and where they are.
+
+    found : what `people_in_photo` has found in it.   Raises SwapError when nobody could be drawn.
+    """
+    frame, faces, name = Frame.from_rgb(photo), casting.opened(), "the photo"
+    known = KnownVideo(people_in_photo(frame) if found is None else found, {})
+
+    def learn(person: VideoPerson, like: Identity) -> Identity:
+        return from_photo(photo, person, like.reference.resolution)
+
+    roles = _roles(name, known, casting, faces, learn, settings)
+    plan = _plan(known.found, roles, casting, settings, 1.0)
+    with one_thread(), _Drawing(roles, plan, casting.cover, settings) as drawing:
+        drawing.draw(frame)
+        outcomes = drawing.outcomes()
+    require_some(outcomes, name)
+    return frame.rgb(), outcomes, known.found
+
+
+def require_some(people: Sequence[PersonOutcome], video: str) -> None:
+    """Raise SwapError when nobody of a video was swapped."""
+    if not any(one.swapped for one in people):
+        raise SwapError(f"nobody could be swapped in {video}: their faces are too small, hidden or turned")
 
 
 def learn_person(
@@ -267,6 +289,8 @@ def learn_person(
     from guise.app.enrolment.landmark_source import LandmarkSource
 
     name = f"{media.path.stem} person {person.number}"
+    if media.kind == "image":
+        return from_photo(next(iter(media)).rgb(), person, resolution)
 
     def learn() -> Identity:
         points = person.landmarks(found.count)
@@ -282,6 +306,15 @@ def learn_person(
         return keep_person(media, (resolution, f"person {person.number}"), who, learn, settings)
     except (EnrolError, TrainingError) as error:
         raise SwapError(f"person {person.number} of {media.name} cannot be learned: {error}") from error
+
+
+def from_photo(photo: U8, person: VideoPerson, resolution: int) -> Identity:
+    """The model of a person in a photo (h, w, 3), which is all that is known of them."""
+    like = anybody().at_resolution(resolution)
+    try:
+        return person_in_photo(photo, person.points[0].astype(np.float64), f"person {person.number}", like)
+    except TrainingError as error:
+        raise SwapError(str(error)) from error
 
 
 def _learner(media: MediaInput, known: KnownVideo, settings: SwapSettings) -> Learn:
@@ -307,14 +340,14 @@ def _roles(
             )
         chosen[person.number] = who, model
     extras = [person.number for person in people if person.number not in chosen]
-    taken = {fictional(face) or face for face in casting.faces.values()}
+    taken = {fictional(face) or face for face in casting.faces.values() if isinstance(face, str)}
     spare = assign(extras, "auto", seed=0, salt=video, taken=taken) if casting.others == "fictional" else {}
     roles = []
     for person in people:
         if person.number in chosen:
             who, model = chosen[person.number]
             model = model or learn(person, faces[who])
-            roles.append(_Role(person, "swap", True, casting.faces[who], model, faces[who]))
+            roles.append(_Role(person, "swap", True, casting.called(who), model, faces[who]))
         elif casting.others == "fictional":
             roles.append(_fictional(person, spare[person.number], learn, settings))
         else:
@@ -420,7 +453,7 @@ class _Drawing(Closing):
         self, roles: Sequence[_Role], plan: _Plan, style: CoverStyle, settings: SwapSettings
     ) -> None:
         self._roles, self._plan = {role.person.number: role for role in roles}, plan
-        self._look = replace(settings.look, hold_seconds=0.0)
+        self._look, self._graded = replace(settings.look, hold_seconds=0.0), settings.graded
         self._landmarker = open_landmarker("builtin")
         self.session = SwapSession(self._open_engine, style)
         self._counts: dict[int, Counter[str]] = defaultdict(Counter)
@@ -430,8 +463,8 @@ class _Drawing(Closing):
         treatments = self._plan.treatments.get(frame.index, [])
         swapped = {one.who for one in treatments if one.done == SWAPPED}
         fits = {
-            who: self.session.engine(who).tracker.follow(
-                frame.luma, self._plan.faces.get((who, frame.index)) if who in swapped else None
+            who: self.session.engine(who).follow(
+                frame, self._plan.faces.get((who, frame.index)) if who in swapped else None
             )
             for who in swapped | self.session.engines.keys()
         }
@@ -445,7 +478,7 @@ class _Drawing(Closing):
 
     def outcomes(self) -> tuple[PersonOutcome, ...]:
         """What was done with everybody, at the end."""
-        grades = {who: grade(engine) for who, engine in self.session.engines.items()}
+        grades = {who: grade(engine) for who, engine in self.session.engines.items() if self._graded}
         found = []
         for who, role in self._roles.items():
             swapped, covered, left = (self._counts[who][done] for done in DONE)

@@ -1,0 +1,91 @@
+"""A person's model from one photo: what the photo shows, and how a face like it moves.
+
+A photo shows one expression.  The prior of solid shapes tells the points of the face at rest; what the expression does
+to the skin is that of other people, in the photo's tone, and is taken out of its texture.  What no photo shows is
+guessed: teeth and tongue, the face with lids shut, and turned views.  Pixels, x right, y down; RGB 0..255.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel, Components, appearance_vectors
+from guise.aam.brows import BrowLift
+from guise.aam.mask import learn_mask, skin_mask
+from guise.aam.model import KNOWN_REST, Identity, RestFrame
+from guise.aam.parsing import FaceParser
+from guise.aam.reference import ReferenceFrame
+from guise.aam.similarity import Failed
+from guise.aam.solid_shape import SolidPrior
+from guise.aam.training import TrainingError, detailed, observe, parsed_face, with_what_faced
+from guise.aam.view_textures import changing
+from guise.aam.views import Views
+from guise.common.arrays import F32, F64, U8
+
+# Grid pixels by which points are off from what the movements of other people explain.  With it the change of texture
+# that is expected of 20 people's smiles has the size of the one that is seen.
+MOVEMENT_NOISE = 3.8
+
+
+def person_in_photo(rgb: U8, points: F64, name: str, like: Identity) -> Identity:
+    """The model of the person in a picture (h, w, 3) with the landmarks (81, 2); it has nothing to track them by.
+
+    like : how faces move, such as the average of several people's models, of the resolution that is wanted.
+
+    Raises TrainingError when most of the face lies outside the picture.
+    """
+    reference, parser, lift = like.reference, FaceParser(), BrowLift()
+    lift.see(parser.parse(rgb, points), points)
+    shape = lift(points)
+    seen = observe(rgb, shape, reference, parser, keep_picture=True)
+    if isinstance(seen, Failed):
+        raise TrainingError(f"{name} cannot be learned from this photo: {seen.reason}")
+    mask = learn_mask(seen.texture[None], reference, parsed_face([seen], reference))
+    texture = with_what_faced(seen.texture, seen.texture[None], shape[None], reference)
+    components = toned(like, texture)
+    shown, still = (
+        appearance_vectors(one[None], texture[None], reference)[0] for one in (shape, at_rest(shape))
+    )
+    neutral = still - _movement(components, (shown - still)[:SHAPE_ENTRIES], reference)
+    appearance = AppearanceModel(reference, replace(components, mean=neutral), neutral, mask)
+    appearance, detail = detailed(appearance, [seen])
+    facts = {"frames": 1, "views": Views.of([shape]).as_facts(), KNOWN_REST: False}
+    return Identity(name, appearance, like.tracker, detail, RestFrame(rgb, shape), facts)
+
+
+def at_rest(points: F64) -> F64:
+    """Landmarks (81, 2) of a face without the likeliest expression, seen from the same side."""
+    fit = SolidPrior.shipped().fit(points)
+    rest: F64 = points - fit.points + fit.pose.apply(fit.rest)
+    return rest
+
+
+def toned(like: Identity, texture: F32) -> Components:
+    """How somebody moves, on skin of another texture (n, 3): on a darker one the same shade is fewer grey levels."""
+    reference, components = like.reference, like.appearance.components
+    skin = skin_mask(reference)[reference.mask]
+    own, theirs = (
+        np.log(np.maximum(one[skin], 1)).mean(0) for one in (texture, like.appearance.neutral_texture)
+    )
+    basis = components.basis * components.deviations
+    basis[SHAPE_ENTRIES:].reshape(-1, 3, components.modes)[:] *= np.exp(own - theirs)[:, None]
+    values, turned = np.linalg.eigh((basis.T @ basis).astype(np.float64))
+    deviations = np.sqrt(values[::-1]).astype(np.float32)
+    return replace(
+        components, basis=basis @ turned[:, ::-1].astype(np.float32) / deviations, deviations=deviations
+    )
+
+
+def _movement(components: Components, moved: F32, reference: ReferenceFrame) -> F32:
+    """What of a movement of the points, as entries of an appearance vector, goes with it in the texture: (n,)."""
+    basis = components.basis * components.deviations
+    shape, noise = basis[:SHAPE_ENTRIES], MOVEMENT_NOISE * reference.shape_weight
+    amounts = np.linalg.solve(
+        shape.T @ shape / noise**2 + np.eye(components.modes), shape.T @ moved / noise**2
+    )
+    change = basis @ amounts.astype(np.float32)
+    change[:SHAPE_ENTRIES] = 0
+    change[SHAPE_ENTRIES:] *= np.repeat(changing(reference), 3)
+    return np.asarray(change, np.float32)
