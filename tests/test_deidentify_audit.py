@@ -21,13 +21,14 @@ from guise.app.deidentify.stages.audit import (
     LIMITS,
     Audit,
     AuditDetection,
-    AuditSearch,
     DrawnFace,
     _inside,
     _is_hair,
     _is_unchanged,
     patch_of,
 )
+from guise.app.deidentify.stages.search import LIMITS as SEARCH
+from guise.app.deidentify.stages.search import AuditSearch
 from guise.app.media import Frame, open_input
 from guise.app.swapping.cover import CoverStyle, cover
 from guise.app.swapping.policy import COVERED, LEFT, SWAPPED, FaceTreatment
@@ -130,14 +131,14 @@ def test_a_negative_is_searched_as_a_positive() -> None:
 @pytest.mark.parametrize(
     ("score", "likeness", "confidence", "no_points", "skin", "is_face"),
     [
-        (0.8, 0.5, None, LIMITS.min_likeness_no_points, False, True),
-        (0.6, 2.5, 0.5, LIMITS.min_likeness_no_points, False, True),
-        (0.6, 2.5, 0.1, LIMITS.min_likeness_no_points, True, False),
-        (0.6, 4.5, None, LIMITS.min_likeness_no_points, True, True),
-        (0.6, 4.5, None, LIMITS.min_likeness_no_points, False, False),
-        (0.6, 6.5, None, LIMITS.min_likeness_no_points, False, True),
-        (0.6, 4.5, None, LIMITS.min_likeness_negative, True, False),
-        (0.6, 2.5, 0.5, LIMITS.min_likeness_negative, False, True),
+        (0.8, 0.5, None, SEARCH.min_likeness_no_points, False, True),
+        (0.6, 2.5, 0.5, SEARCH.min_likeness_no_points, False, True),
+        (0.6, 2.5, 0.1, SEARCH.min_likeness_no_points, True, False),
+        (0.6, 4.5, None, SEARCH.min_likeness_no_points, True, True),
+        (0.6, 4.5, None, SEARCH.min_likeness_no_points, False, False),
+        (0.6, 6.5, None, SEARCH.min_likeness_no_points, False, True),
+        (0.6, 4.5, None, SEARCH.min_likeness_negative, True, False),
+        (0.6, 2.5, 0.5, SEARCH.min_likeness_negative, False, True),
     ],
     ids=[
         "certain",
@@ -327,7 +328,7 @@ class _Watched:
         self._searched = searched
 
     def faces(
-        self, rgb: np.ndarray, size: int, no_points: float = 0, within: Sequence[Part] = ()
+        self, rgb: np.ndarray, size: int, within: Sequence[Part] = (), *, is_doubtful: bool = False
     ) -> RolledBoxes:
         self._searched.append(within)
         return RolledBoxes.none()

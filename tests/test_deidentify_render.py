@@ -48,6 +48,22 @@ def test_what_is_found_again_at_the_same_place_is_covered_in_all_frames() -> Non
     assert len(with_detections({}, elsewhere, 0, 100, RATE)) == 2 * (2 * AUDIT_FRAMES + 1)
 
 
+def test_a_place_has_one_cover_in_a_frame_that_holds_what_was_found_there() -> None:
+    """A find that was not hidden yet is found again, a little beside: the cover grows, and none is added."""
+    finds = [AuditDetection(k, BOX + shift, 0.9) for k in range(40, 60) for shift in (0, 3)]
+    finds += [AuditDetection(90, BOX + 2, 0.8), AuditDetection(50, BOX + 200, 0.8)]
+    more = with_detections({}, finds, 0, 100, RATE)
+    for frame, these in more.items():
+        assert len(these) == 1 + (abs(frame - 50) <= AUDIT_FRAMES)
+        assert np.abs(these[0].box - BOX).max() <= 3
+    np.testing.assert_array_equal(more[45][0].box, np.concatenate([BOX[:2], BOX[2:] + 3]))
+
+
+def test_a_place_found_another_way_up_has_a_cover_for_each() -> None:
+    finds = [AuditDetection(4, BOX, 0.9), AuditDetection(4, BOX, 0.8, turn=np.pi)]
+    assert [one.turn for one in with_detections({}, finds, 4, 5, RATE)[4]] == [0.0, np.pi]
+
+
 def test_a_face_that_is_followed_is_covered_where_it_is_found_only() -> None:
     finds = [AuditDetection(10, BOX, 0.9), AuditDetection(60, BOX + 2, 0.9)]
     entries = {k: [FaceTreatment(1, SWAPPED, BOX, 1.0)] for k in range(100)}

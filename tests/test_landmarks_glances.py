@@ -16,7 +16,8 @@ from guise.aam.landmarks.face import iou
 from guise.aam.landmarks.glances import CYCLE, Glancer, is_face, likeness_through
 from guise.aam.landmarks.rolls import RolledBoxes
 from guise.aam.landmarks.schemes import IBUG68
-from guise.app.deidentify.stages.audit import Audit, AuditSearch
+from guise.app.deidentify.stages.audit import Audit
+from guise.app.deidentify.stages.search import AuditSearch
 from guise.app.media import Frame, open_input
 from guise.app.people import faces
 from guise.app.people.faces import detect_faces

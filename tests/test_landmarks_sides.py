@@ -14,7 +14,8 @@ from guise.aam.landmarks.detector import FaceDetector
 from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.landmarks.sides import detect_at_sides
-from guise.app.deidentify.stages.audit import Audit, AuditSearch
+from guise.app.deidentify.stages.audit import Audit
+from guise.app.deidentify.stages.search import AuditSearch
 from guise.app.media import Frame, open_input
 from guise.app.people.faces import LIMITS, detect_faces
 

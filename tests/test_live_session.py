@@ -73,28 +73,34 @@ def changed(shown: OutputFrame, before: NDArray[np.uint8]) -> float:
     return float((np.abs(shown.frame.rgb().astype(int) - before).max(2) > 8).mean())
 
 
-def test_a_stranger_is_covered_until_they_are_known_and_then_swapped(face: Identity, brief: None) -> None:
-    kept: list[Identity] = []
-    config = SessionConfig([face], None, keep=kept.append)
-    rings, sentences, first_swap, covered = [], [], None, 0
-    for number, (shown, before) in enumerate(run(config, CLIP, loop=True)):
-        if shown.result.outcome == "enrolling":
-            rings.append(shown.ring)
-            sentences.append(shown.message)
-            covered += changed(shown, before) > 0.5
-            assert shown.original is not None
-            time.sleep(0.05 * ("Training" in shown.message))  # the time is the training's
-        elif shown.result.outcome == "swapped":
-            first_swap = number
+def test_a_stranger_is_covered_and_then_swapped_while_they_are_still_enrolled(
+    face: Identity, brief: None
+) -> None:
+    kept, met = [], []
+    config = SessionConfig([face], None, keep=kept.append, meet=met.append)
+    told: list[OutputFrame] = []
+    for shown, before in run(config, CLIP, loop=True):
+        if shown.ring is None:
             break
-        assert number < 20_000
-    assert first_swap is not None
-    assert len(kept) == 1
-    assert covered == len(rings)
+        told.append(shown)
+        if shown.result.outcome != "swapped":
+            assert changed(shown, before) > 0.05
+        assert shown.original is not None
+        time.sleep(0.05 * ("Training" in shown.message))  # the time is the training's
+        assert len(told) < 20_000
+    assert shown.result.outcome == "swapped"
+    assert [len(kept), met[-1] is kept[0]] == [1, True]
+    assert len(met) > 1
+    outcomes = [one.result.outcome for one in told]
+    begun = outcomes.index("swapped")
+    assert set(outcomes[:begun]) == {"enrolling"}
+    assert "enrolling" not in outcomes[begun:]
+    rings = [one.ring for one in told]
     assert rings == sorted(rings)
-    assert rings[-1] == 1
-    assert any("Speak" in text for text in sentences)
-    assert any("Training" in text for text in sentences)
+    assert rings[begun] < 1 == rings[-1]
+    assert told[0].missing == "6 s left · turn right · turn left"
+    assert any("Speak" in one.message for one in told)
+    assert any("Training" in one.message for one in told)
 
 
 def test_ones_own_face_stays_covered_until_it_is_asked_for_again(face: Identity, p01: Identity) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.app.deidentify.covers import CoverSpan, counts_of
-from guise.app.swapping.policy import Action
+from guise.app.swapping.policy import DONE, Action
 
 BYSTANDERS = 0  # number of the track that stands for all faces that are covered without being tracked
 
@@ -132,6 +132,11 @@ class TrackOutcome:
     confidence: NDArray[np.float32]
     reasons: NDArray[np.uint8]
     boxes: NDArray[np.int32]
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """In how many frames each of DONE was done."""
+        return {name: len(np.unique(self.frames[self.done == code])) for code, name in enumerate(DONE)}
 
 
 @dataclass(frozen=True)

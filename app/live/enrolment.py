@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import ceil
 from threading import Event
 
 import numpy as np
@@ -57,6 +58,7 @@ PROMPTS = (
 )
 TURN_PROMPTS_FROM = 0.7  # of the ring, from which views that are missing are asked for
 TURN_PROMPTS = ("Turn a little to your right, slowly", "Turn a little to your left, slowly")
+TURNS = ("turn right", "turn left")
 DONE = "Thank you"
 
 
@@ -70,12 +72,14 @@ class EnrolmentStatus:
     ring : share in [0, 1] of the required good frames, by time.
     done : there are enough frames; `train` can be called.
     face : the detected face, in the frame's pixels, or None.
+    missing : what is still needed: seconds of good frames, and turns of the head.
     """
 
     sentence: str
     ring: float
     done: bool
     face: Face | None = None
+    missing: str = ""
 
     @property
     def mesh(self) -> F64 | None:
@@ -128,7 +132,7 @@ class OnScreenEnrolment:
         rgb = frame.rgb()
         face = self._tracker.update(rgb)
         complaint = self._miss(elapsed) if face is None else self._consider(rgb, frame.luma, face, elapsed)
-        return EnrolmentStatus(self._sentence(complaint), self.ring, self.ring >= 1, face)
+        return EnrolmentStatus(self._sentence(complaint), self.ring, self.ring >= 1, face, self._missing())
 
     def _elapsed(self, time: float) -> float:
         """Seconds since the previous frame, limited for when frames were dropped."""
@@ -191,19 +195,33 @@ class OnScreenEnrolment:
     def _prompt(self, ring: float) -> str:
         """What to do next: at the end the turns that are missing; to the image's left is to the person's right."""
         if ring >= TURN_PROMPTS_FROM:
-            for prompt, turned in zip(TURN_PROMPTS, self._turned, strict=True):
-                if abs(turned) < LIMITS.min_turn_degrees:
+            for prompt, is_missing in zip(TURN_PROMPTS, self._turns_missing(), strict=True):
+                if is_missing:
                     return prompt
         return next(text for start, text in reversed(PROMPTS) if ring >= start)
+
+    def _turns_missing(self) -> list[bool]:
+        """Whether the person has not yet turned enough to their right, and to their left."""
+        return [abs(turned) < LIMITS.min_turn_degrees for turned in self._turned]
+
+    def _missing(self) -> str:
+        if self.ring >= 1:
+            return ""
+        turns = [turn for turn, is_missing in zip(TURNS, self._turns_missing(), strict=True) if is_missing]
+        return " · ".join([f"{ceil((1 - self.ring) * self.seconds)} s left", *turns])
+
+    def frames(self) -> list[Observation]:
+        """The best frames so far, to be trained on."""
+        return self._album.frames()
 
     def cancel(self) -> None:
         """Abort a running or future `train`."""
         self._cancelled.set()
 
-    def train(self, progress: Progress = silent) -> Identity:
+    def train(self, progress: Progress = silent, frames: Sequence[Observation] | None = None) -> Identity:
         """Train the model of the enrolled person.
 
-        progress : called with "training" and the completed share.
+        progress : called with "training" and the completed share.   frames : of `frames`, default: all there are now.
 
         Raises
         ------
@@ -218,7 +236,7 @@ class OnScreenEnrolment:
                 raise Interrupted("the enrollment was cancelled; no model was made")
             progress(stage, share)
 
-        frames = self._album.frames()
+        frames = self.frames() if frames is None else frames
         if len(frames) < TRAINING_LIMITS.min_frames:
             raise EnrolError(
                 f"a model needs at least {TRAINING_LIMITS.min_frames} good frames of the face, got {len(frames)}; "

@@ -24,8 +24,10 @@ class OutputFrame:
     arrived : time.perf_counter() at capture, seconds.
     message : a sentence to show, "" for none.
     ring : share in [0, 1] of the enrolment that is complete; None when nobody is being enrolled.
+    missing : what the enrolment still needs, "" for nothing.
     recording : the frame goes into a file that the user asked for.
-    original : the unchanged picture, with the real face; only while the user asks for it beside the result.
+    original : the unchanged picture, with the real face; only while the user asks for it beside the result, and while
+        they are enrolled.
     """
 
     frame: Frame
@@ -36,6 +38,7 @@ class OutputFrame:
     ring: float | None = None
     recording: bool = False
     original: Frame | None = None
+    missing: str = ""
 
 
 class Output:

@@ -143,7 +143,8 @@ def readout_rows(stats: PipelineStats) -> tuple[Row, ...]:
 def _message_rows(shown: OutputFrame, frame: Frame) -> tuple[Row, ...]:
     """The warning about the frame and the message, in lines that fit."""
     lines = textwrap.wrap(shown.message, max(12, int(1.7 * frame.width / _font_size(frame))))
-    return (*WARNINGS.get(shown.result.outcome, ()), *(((line, WHITE),) for line in lines))
+    missing: tuple[Row, ...] = (((shown.missing, GREY),),) if shown.missing else ()
+    return (*WARNINGS.get(shown.result.outcome, ()), *(((line, WHITE),) for line in lines), *missing)
 
 
 @dataclass(frozen=True, eq=False)

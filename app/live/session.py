@@ -1,7 +1,8 @@
-"""A live session: enrols the person where needed, then swaps their face.
+"""A live session: enrols the person where needed, and swaps their face from the first second on.
 
-Frames are covered for every output until there is a model of the person; the unchanged picture goes only to outputs
-that show it to the person themselves (`OutputFrame.original`).
+A few frames are enough for a model that swaps; it is trained anew as more have been seen, and the last one is kept.
+Frames are covered for every output until there is a first model; the unchanged picture goes only to outputs that show
+it to the person themselves (`OutputFrame.original`).
 """
 
 from __future__ import annotations
@@ -9,10 +10,11 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from guise.aam.model import Identity
 from guise.aam.recognition import same_person, signature
-from guise.aam.training import TrainingError, TrainingOptions
+from guise.aam.training import LIMITS, Observation, TrainingError, TrainingOptions
 from guise.app.drawing.look import LIVE, Look
 from guise.app.enrolment.enrol import EnrolError
 from guise.app.live.controls import Controls
@@ -29,11 +31,12 @@ from guise.common.errors import Interrupted
 Keep = Callable[[Identity], None]
 
 _OWN = "Face {0} may be your own, and stays covered: choose it again (key {0}) to show it."
+GROWTH = 4.0  # by which an enrolment has grown when its model is trained anew
 PROBLEM_RING_SHARE = 0.05  # of a new enrolment, up to which the problem with the previous one is shown
 
 
 def forget(identity: Identity) -> None:
-    """Discard a model."""
+    """Do nothing with a model."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,7 @@ class SessionConfig:
     cast : instead of both, several people and the face of each; everybody else is covered.
     name : of the person, for a new model.
     keep : called with a new model.
+    meet : called with every model before it is used: the person's, or those that an enrolment makes of them.
     look : how faces are drawn.
     recording : returns whether the user is recording.
     notice : returns a sentence that the user should see now, or "".
@@ -58,6 +62,7 @@ class SessionConfig:
     cast: Sequence[CastMember] = ()
     name: str = "me"
     keep: Keep = forget
+    meet: Keep = forget
     look: Look = LIVE
     recording: Callable[[], bool] = lambda: False
     notice: Callable[[], str] = str
@@ -69,10 +74,9 @@ class LiveSession:
 
     def __init__(self, config: SessionConfig, controls: Controls) -> None:
         self._config, self._controls = config, controls
-        cast = config.cast or ([CastMember(config.person, config.identities)] if config.person else [])
-        self._faces = LiveFaces(cast, config.look) if cast else None
+        self._faces: LiveFaces | None = LiveFaces(config.cast, config.look) if config.cast else None
         if config.person is not None:
-            self._ask_for_own(config.person)
+            self._know(config.person)
         self._enrolment: BackgroundEnrolment | None = None
         self._restart_requested = threading.Event()
 
@@ -82,14 +86,15 @@ class LiveSession:
         if self._restart_requested.is_set():
             self._restart_requested.clear()
             self.close()
-        if self._faces is None:
-            return self._enrol(frame, arrived, stats, settings)
-        original = frame.copy() if settings.side_by_side else None
-        message = ""
-        if self._controls.is_asking:
-            settings, message = replace(settings, mode="off"), _OWN.format(settings.identity + 1)
-        result = self._faces.process(frame, settings)
-        return self._shown(frame, result, stats, arrived, message, original=original)
+        status = self._enrol(frame) if self._enrolment is not None or self._faces is None else None
+        original = frame.copy() if settings.side_by_side or status is not None else None
+        result, message = self._hide(frame, settings)
+        shown = OutputFrame(
+            frame, result, stats, arrived, message, recording=self._config.recording(), original=original
+        )
+        if status is not None:
+            shown = _with_status(shown, status)
+        return replace(shown, message=shown.message or self._config.notice())
 
     def enrol(self) -> None:
         """Start a new enrolment with the next frame; from any thread."""
@@ -103,70 +108,87 @@ class LiveSession:
             self._enrolment.cancel()
         self._faces = self._enrolment = None
 
-    def _enrol(
-        self, frame: Frame, arrived: float, stats: PipelineStats, settings: LiveSettings
-    ) -> OutputFrame:
+    def _hide(self, frame: Frame, settings: LiveSettings) -> tuple[FaceResult, str]:
+        """Swap or cover, in place; and what there is to say about it."""
+        if self._faces is None:
+            cover_all(frame, settings.style)
+            return FaceResult("enrolling", None, 0.0, 1), ""
+        message = ""
+        if self._controls.is_asking:
+            settings, message = replace(settings, mode="off"), _OWN.format(settings.identity + 1)
+        return self._faces.process(frame, settings), message
+
+    def _enrol(self, frame: Frame) -> EnrolmentStatus:
+        """Show the enrolment a frame, and use the model that it has made."""
         if self._enrolment is None:
             size = self._config.identities[0].reference.resolution
             self._enrolment = BackgroundEnrolment(self._config.name, TrainingOptions(resolution=size))
         status = self._enrolment.observe(frame)
-        if self._enrolment.model is not None:
-            self._ask_for_own(self._enrolment.model)
-            self._config.keep(self._enrolment.model)
-            member = CastMember(self._enrolment.model, self._config.identities)
-            self._faces = LiveFaces([member], self._config.look)
-            self._enrolment = None
-        original = frame.copy()
-        cover_all(frame, settings.style)
-        if status.mesh is not None:
-            draw_mesh(original, status.mesh)
-            draw_mesh(frame, status.mesh)
-        result = FaceResult("enrolling", status.mesh, 0.0, 1)
-        return self._shown(frame, result, stats, arrived, status.sentence, status.ring, original)
+        if (model := self._enrolment.new_model()) is not None:
+            self._know(model)
+            if self._enrolment.is_complete:
+                self._config.keep(model)
+                self._enrolment = None
+        return status
 
-    def _ask_for_own(self, person: Identity) -> None:
-        """Have no key show the person's own face before they agree."""
+    def _know(self, person: Identity) -> None:
+        """Swap a person by their model from now on; no key shows their own face before they agree."""
+        self._config.meet(person)
         if self._config.asks:
             own, faces = signature(person), map(signature, self._config.identities)
             self._controls.ask_for(n for n, face in enumerate(faces) if same_person(own, face))
+        if self._faces is not None:
+            self._faces.close()
+        self._faces = LiveFaces([CastMember(person, self._config.identities)], self._config.look)
 
-    def _shown(
-        self, frame: Frame, result: FaceResult, stats: PipelineStats, arrived: float, message: str = "",
-        ring: float | None = None, original: Frame | None = None,
-    ) -> OutputFrame:  # fmt: skip
-        message = message or self._config.notice()
-        return OutputFrame(frame, result, stats, arrived, message, ring, self._config.recording(), original)
+
+def _with_status(shown: OutputFrame, status: EnrolmentStatus) -> OutputFrame:
+    """A frame with what there is to see and to say about the enrolment."""
+    result = shown.result
+    if status.mesh is not None:
+        if shown.original is not None:
+            draw_mesh(shown.original, status.mesh)
+        result = result if result.mesh is not None else replace(result, mesh=status.mesh)
+    message = status.sentence or shown.message
+    return replace(shown, result=result, message=message, ring=status.ring, missing=status.missing)
 
 
 class BackgroundEnrolment:
-    """An enrolment on screen: collects frames, then trains a model in a thread while frames go on.
+    """An enrolment on screen: collects frames, and trains models of them in a thread while frames go on.
 
-    model : the trained model, when there is one.
+    is_complete : the latest model is of a whole enrolment.
     """
 
     def __init__(self, name: str, options: TrainingOptions) -> None:
-        self.model: Identity | None = None
+        self.is_complete = False
         self._name, self._options = name, options
+        self._model: Identity | None = None
         self._problem, self._share = "", 0.0
         self._thread: threading.Thread | None = None
         self._restart()
 
     def _restart(self) -> None:
         self._enrolment = OnScreenEnrolment(self._name, options=self._options)
+        self._trained = 0.0  # ring up to which there was a training
 
     def observe(self, frame: Frame) -> EnrolmentStatus:
-        """Take the next frame, before it is covered."""
-        if self._thread is not None and self._thread.is_alive():
+        """Take the next frame, before it is changed."""
+        is_training = self._thread is not None and self._thread.is_alive()
+        if is_training and self._trained >= 1:
             return EnrolmentStatus(f"Training your model: {100 * self._share:.0f} %", 1.0, done=True)
-        if self._thread is not None and self.model is None:  # it failed
-            self._thread = None
+        if not is_training and self._trained >= 1 and not self.is_complete:  # it failed
             self._restart()
         status = self._enrolment.observe(frame)
-        if status.done and self._thread is None:
-            self._thread = threading.Thread(target=self._train, name="guise-live-enrol")
-            self._thread.start()
+        self._trained = min(self._trained, status.ring)  # somebody else has come
+        if not is_training and self._is_due(status.ring):
+            self._begin(status.ring)
         problem = f"{self._problem} " if status.ring < PROBLEM_RING_SHARE else ""
         return replace(status, sentence=problem + status.sentence)
+
+    def new_model(self) -> Identity | None:
+        """A model that is better than the one that was given before, or None."""
+        model, self._model = self._model, None
+        return model
 
     def cancel(self) -> None:
         """Cancel, and wait until the training has ended."""
@@ -174,13 +196,30 @@ class BackgroundEnrolment:
         if self._thread is not None:
             self._thread.join()
 
-    def _train(self) -> None:
+    def _is_due(self, ring: float) -> bool:
+        """Whether so much more has been seen since the last training that another one is worth its time."""
+        if self._trained == 0:
+            return len(self._enrolment.frames()) >= LIMITS.min_frames
+        return ring > self._trained and (ring >= 1 or ring >= GROWTH * self._trained)
+
+    def _begin(self, ring: float) -> None:
+        self._trained = ring
+        work = partial(self._train, self._enrolment.frames(), is_last=ring >= 1)
+        self._thread = threading.Thread(target=work, name="guise-live-enrol")
+        self._thread.start()
+
+    def _train(self, frames: Sequence[Observation], *, is_last: bool) -> None:
         try:
-            self.model = self._enrolment.train(self._note_progress)
+            model = self._enrolment.train(self._note_progress, frames)
         except (EnrolError, TrainingError) as error:
-            self._problem = f"That was not enough ({error})."
+            if is_last:
+                self._problem = f"That was not enough ({error})."
+            else:
+                self._trained = 0.0
         except Interrupted:
             pass
+        else:
+            self.is_complete, self._model = is_last, model
 
     def _note_progress(self, stage: str, share: float) -> None:
         self._share = share

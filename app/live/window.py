@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ctypes
 import re
-from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
@@ -31,6 +30,10 @@ from guise.render.context import leave_thread, window_context
 TITLE = "Guise (H shows the keys)"
 MAX_SCREEN_SHARE = 0.9  # of the screen's width and height, taken by a new window
 ALTERNATIVES = "choose --output FILE"
+Room = tuple[float, float, float, float]  # x, y from below, width and height as shares of the window
+ALONE: Room = (0, 0, 1, 1)
+HALVES: tuple[Room, Room] = ((0, 0, 0.5, 1), (0.5, 0, 0.5, 1))
+INSET: Room = (0.73, 0.03, 0.25, 0.25)  # of one's own picture during an enrolment
 NO_CHROMA = np.full((1, 1), 128, np.uint8)
 
 _VERTEX = """
@@ -74,7 +77,7 @@ class Window(Output):
         self._glfw: Any = None
         self._window: Any = None
         self._textures: list[FrameTexture] = []
-        self._shown = 0
+        self._rooms: tuple[Room, ...] = ()
 
     def check(self) -> None:
         """OutputError when the optional packages are missing."""
@@ -106,16 +109,17 @@ class Window(Output):
         self._listen()
 
     def show(self, shown: OutputFrame) -> None:
-        """Draw a frame; the original beside it when the user asks for it, or instead of it during enrolment."""
+        """Draw a frame; the original beside it when the user asks for it, and in a corner during enrolment."""
         settings = self._controls.settings
-        if shown.result.outcome == "enrolling" and shown.original is not None:
-            shown = replace(shown, frame=shown.original, original=None)
-        frames = [self._overlay.draw(shown, settings)]
-        if settings.side_by_side and shown.original is not None:
-            frames.insert(0, mirrored(shown.original) if settings.mirror else shown.original)
+        frames, self._rooms = [self._overlay.draw(shown, settings)], (ALONE,)
+        if (own := shown.original) is not None:
+            own = mirrored(own) if settings.mirror else own
+            if settings.side_by_side:
+                frames, self._rooms = [own, *frames], HALVES
+            elif shown.ring is not None:
+                frames, self._rooms = [*frames, own], (ALONE, INSET)
         for picture, frame in zip(self._textures, frames, strict=False):
             picture.load(frame)
-        self._shown = len(frames)
         self._draw()
 
     def pump(self) -> bool:
@@ -136,13 +140,13 @@ class Window(Output):
         self._glfw.set_window_refresh_callback(handle, lambda _: self._draw())
 
     def _draw(self) -> None:
-        """Draw the last frames side by side, each as large as it fits, on black."""
+        """Draw the last frames, each as large as it fits its room, on black."""
         context, (wide, high) = self._window.ctx, self._window.buffer_size
         context.screen.use()
         context.clear()
-        for number, picture in enumerate(self._textures[: self._shown]):
-            room = wide // self._shown
-            picture.draw(fitted(picture.size, (number * room, 0, room, high)))
+        for picture, (x, y, w, h) in zip(self._textures, self._rooms, strict=False):
+            room = int(x * wide), int(y * high), int(w * wide), int(h * high)
+            picture.draw(fitted(picture.size, room))
         context.viewport = (0, 0, wide, high)
         self._glfw.swap_buffers(self._glfw.get_current_context())
 

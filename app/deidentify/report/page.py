@@ -37,7 +37,7 @@ from guise.app.media.pictures import Picture, shrunk
 from guise.app.swapping.donors import bare, titled
 from guise.app.swapping.policy import DONE
 from guise.common.files import fitting_name, write_whole
-from guise.common.text import printable
+from guise.common.text import counted, printable
 from guise.common.version import VERSION
 
 
@@ -212,20 +212,16 @@ def _bystanders(
 ) -> TrackCard | None:
     if not len(one.frames):
         return None
-    about = (
-        f"{len(one.frames):,} detections of faces that were too small, too brief or too unclear to track, or that the "
-        "audit found, and boxes of yours."
-        + " What you refused is left."
-        * bool((one.done == DONE.index("left")).any())
-    )
+    about = "Faces that were too small, too brief or too unclear to track, or that the audit found, and boxes of yours."
+    if one.counts["left"]:
+        about += " What you refused is left."
     return _card("Bystanders", about, one, report, thumbnails.get(BYSTANDERS, ()))
 
 
 def _card(
     title: str, about: str, one: TrackOutcome, report: FileReport, thumbnails: Sequence[Picture]
 ) -> TrackCard:  # fmt: skip
-    counts = [(done, int((one.done == code).sum())) for code, done in enumerate(DONE)]
-    done = ", ".join(f"{LABELS[name]} {n:,} times" for name, n in counts if n)
+    done = ", ".join(f"{LABELS[name]} in {counted(n, 'frame')}" for name, n in one.counts.items() if n)
     runs = spans(one)
     return TrackCard(
         title, done, about, Timeline.of(one, report, f"{title} over the video: {done}"),

@@ -265,12 +265,11 @@ def _track(track: Track) -> dict[str, Any]:
 
 def _write_rows(file: TextIO, head: dict[str, Any], one: TrackOutcome, seconds: NDArray[np.float64]) -> None:
     """An object with the values of `head`, what was done in spans, and a row for each frame in columns."""
-    counts = {done: int((one.done == code).sum()) for code, done in enumerate(DONE)}
     timed = [
         {**vars(span), "seconds": [round(float(seconds[f]), 3) for f in (span.first, span.last)]}
         for span in spans(one)
     ]
-    text = _json({**head, "counts": counts, "spans": timed})
+    text = _json({**head, "counts": one.counts, "spans": timed})
     file.write(text[:-1] + ',\n "rows": {')
     for place, (name, values, digits) in enumerate(_columns(one)):
         file.write(f'{"," if place else ""}\n  "{name}": ')

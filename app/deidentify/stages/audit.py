@@ -1,13 +1,12 @@
 """The audit of a rendered segment: original and result are searched for faces, and compared where either has one.
 
-It does not rely on what found the faces.  It searches by a network of another kind, at any roll and two sizes in turn,
-or by a detector of the user's choice, and in the original as well: a face that the first stage missed is found there.
-The result is searched where it differs from the original: the rest shows what was searched already.  Every face that
-is said to be swapped is also compared with the original.  Searched are one frame in `AuditLimits.interval_frames`,
-frames without a face shortly before or after one, and those about what was found; every frame with ``--audit full``.
-Some are searched as negatives, too, and all after a negative that has a face.  Where no face is swapped, it is looked
-for what patterns may hide, see `doubt`.  Pixels as shown; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; turns in
-radians, by which a face is rolled clockwise.
+It does not rely on what found the faces, see `search`, and looks at the original as well: a face that the first stage
+missed is found there.  The result is searched where it differs from the original: the rest shows what was searched
+already.  Every face that is said to be swapped is also compared with the original.  Searched are one frame in
+`AuditLimits.interval_frames`, frames without a face shortly before or after one, and those about what was found; every
+frame with ``--audit full``.  Some are searched as negatives, too, and all after a negative that has a face.  Where no
+face is swapped, it is looked for what patterns may hide, see `doubt`.  Pixels as shown; boxes ``x0 y0 x1 y1`` of the 68
+iBUG points; turns in radians, by which a face is rolled clockwise.
 """
 
 from __future__ import annotations
@@ -24,16 +23,11 @@ from numpy.typing import NDArray
 
 from guise.aam.changes import Part, changed_parts
 from guise.aam.landmarks import iou
-from guise.aam.landmarks.boxes import is_same
-from guise.aam.landmarks.builtin import BuiltinLandmarker
-from guise.aam.landmarks.glances import is_surely_face, likeness_through
-from guise.aam.landmarks.registry import DetectorPerThread
-from guise.aam.landmarks.rolls import RolledBoxes, detect_at_rolls
-from guise.aam.landmarks.voting import VotingDetector
-from guise.app.deidentify.stages.doubt import Doubt, DoubtSearch
+from guise.aam.landmarks.rolls import RolledBoxes
+from guise.app.deidentify.stages.doubt import Doubt
+from guise.app.deidentify.stages.search import AuditSearch
 from guise.app.media import Frame
 from guise.app.people.looks import small_picture
-from guise.app.people.skin import FaceShares
 from guise.app.swapping.policy import COVERED, LEFT, NOBODY, SWAPPED, FaceTreatment
 from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.closing import Closing
@@ -41,7 +35,7 @@ from guise.common.closing import Closing
 
 @dataclass(frozen=True)
 class AuditLimits:
-    """What is searched, what is taken for a face, and what for unchanged."""
+    """What is searched, and what is taken for unchanged."""
 
     interval_frames: int = 8  # from one searched frame to the next
     risky_interval_frames: int = 3  # the same where faces were lost
@@ -49,17 +43,6 @@ class AuditLimits:
     negative_interval: int = (
         4  # from one of the regularly searched frames to the next whose negative is searched
     )
-    smallest_face_pixels: tuple[float, float] = (30.0, 44.0)  # in turn
-    min_score: float = 0.45  # of the detector, and
-    min_likeness: float = 0.0  # of the landmarker, where the detector's is at least
-    certain_score: float = 0.75  # and below that,
-    min_likeness_uncertain: float = 2.0  # with points of at least
-    min_confidence: float = 0.3  # this confidence,
-    min_likeness_no_points: float = 4.0  # without, as of a profile, if it has skin or
-    high_likeness: float = 6.0  # this likeness,
-    min_likeness_negative: float = 8.0  # and without in the negative of what may be none
-    max_beyond_share: float = 0.15  # of a box's width beyond a side, from which it is cut and
-    min_likeness_cut: float = 3.0  # needs this: beside its mirror image much looks like a face
     kept_pixels: int = 640  # longer side of the original as it is kept for comparison
     patch_pixels: int = 16  # side of what is compared of a face
     compared_share: float = 0.7  # of a box's width and height; the rest may lie beside the face
@@ -75,7 +58,6 @@ class AuditLimits:
 
 
 LIMITS = AuditLimits()
-_OTHER_TURN = 2 * np.pi / 3  # radians: the landmarker knows faces that are turned by 60 degrees
 THREADS = 2  # in which is searched while frames are drawn and read
 
 
@@ -118,95 +100,6 @@ class DrawnFace:
             flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE,
         )  # fmt: skip
         return np.asarray(share > LIMITS.min_shown)
-
-
-class AuditSearch:
-    """Searches pictures for faces by another detector than the first stage's.
-
-    detector : as `guise.aam.landmarks.open_detector` takes it, or None.
-    """
-
-    def __init__(self, detector: str | None) -> None:
-        self._given = DetectorPerThread(detector) if detector else None
-        self._own = VotingDetector(LIMITS.min_score)
-        self._landmarker, self._shares = BuiltinLandmarker(), FaceShares()
-        self._doubts = DoubtSearch(self._landmarker)
-
-    def doubt(self, rgb: U8, places: Sequence[F64]) -> Doubt:
-        """What patterns may hide in a picture beyond places (4,)."""
-        return self._doubts.look(rgb, places)
-
-    def faces(
-        self,
-        rgb: U8,
-        turn_to: int | None,
-        no_points: float = LIMITS.min_likeness_no_points,
-        within: Sequence[Part] | None = None,
-    ) -> RolledBoxes:
-        """Boxes that also look like a face to the landmarker.
-
-        turn_to : which of the sizes is searched, counted on; None for all.
-        no_points : likeness from which a box that isn't certain needs no points.
-        within : the parts that are searched (left, top, right, bottom); None for all.
-        """
-        parts = [(0, 0, *rgb.shape[1::-1])] if within is None else within
-        found = RolledBoxes.none()
-        for left, top, right, bottom in parts:
-            here = self._boxes(np.ascontiguousarray(rgb[top:bottom, left:right]), turn_to)
-            found = found.and_others(here.moved(left, top))
-        turns = np.full(len(found), np.nan, np.float32)
-        for k in np.argsort(-found.scores, kind="stable"):
-            known = found.boxes[~np.isnan(turns)]
-            if not any(is_same(found.boxes[k], box) for box in known):
-                score, turn = float(found.scores[k]), float(found.turns[k])
-                turns[k] = self._likely_turn(rgb, found.boxes[k], score, turn, no_points)
-        is_face = ~np.isnan(turns)
-        return RolledBoxes(found.boxes[is_face], found.scores[is_face], turns[is_face]).distinct()
-
-    def _likely_turn(self, rgb: U8, box: F32, score: float, turn: float, no_points: float) -> float:
-        """The turn at which a box is a face's, NaN if at none; a sure one may be turned otherwise, or behind bars."""
-        if self._has_face(rgb, box, score, turn, no_points):
-            return turn
-        if score < LIMITS.certain_score or _is_cut(box, rgb.shape[1]):
-            return float(np.nan)
-        for other in (turn + _OTHER_TURN, turn - _OTHER_TURN):
-            if self._landmarker.likeness(rgb, box, other) >= LIMITS.min_likeness_no_points:
-                return other
-        likeness = likeness_through(self._landmarker, rgb, box, turn)
-        return turn if is_surely_face(score, likeness) else float(np.nan)
-
-    def _has_face(self, rgb: U8, box: F32, score: float, turn: float, no_points: float) -> bool:
-        likeness = self._landmarker.likeness(rgb, box, turn)
-        if score >= LIMITS.certain_score:
-            cut = _is_cut(box, rgb.shape[1])
-            return likeness >= (LIMITS.min_likeness_cut if cut else LIMITS.min_likeness)
-        if likeness < LIMITS.min_likeness_uncertain:
-            return False
-        face, _ = self._landmarker.look_in_box(rgb, box, turn)
-        if face is not None and face.confidence >= LIMITS.min_confidence:
-            return is_same(box, face.box)  # or it is about another face beside it
-        is_like = likeness >= no_points
-        return is_like and (likeness >= LIMITS.high_likeness or self._shares.has_face(rgb, box, turn))
-
-    def is_alike(self, luma: U8, box: NDArray[np.floating], turn: float) -> bool:
-        """Whether a box of a grey picture (h, w) looks like a face, also behind bars."""
-        grey, place = np.dstack([luma] * 3), np.asarray(box, np.float32)
-        if self._landmarker.likeness(grey, place, turn) >= LIMITS.min_likeness:
-            return True
-        return likeness_through(self._landmarker, grey, place, turn) >= LIMITS.min_likeness
-
-    def _boxes(self, rgb: U8, turn_to: int | None) -> RolledBoxes:
-        if self._given is not None:
-            given = self._given.own()
-            found = detect_at_rolls(given, rgb)
-            boxes = [given.fit.apply(b, float(t)) for b, t in zip(found.boxes, found.turns, strict=True)]
-            placed = np.array(boxes, np.float32).reshape(-1, 4)
-            return RolledBoxes(placed, found.scores, found.turns)[found.scores >= LIMITS.min_score]
-        sizes = LIMITS.smallest_face_pixels
-        found = RolledBoxes.none()
-        for smallest in sizes if turn_to is None else (sizes[turn_to % len(sizes)],):
-            found = found.and_others(self._own.search(rgb, smallest))
-        return found
 
 
 class Audit(Closing):
@@ -382,8 +275,7 @@ class Audit(Closing):
         size = None if self._every_frame else index // LIMITS.interval_frames
         if not negative:
             return self._search.faces(rgb, size, within=parts)
-        no_points = LIMITS.min_likeness_no_points if self._is_negative else LIMITS.min_likeness_negative
-        return self._search.faces(255 - rgb, size, no_points, parts)
+        return self._search.faces(255 - rgb, size, parts, is_doubtful=not self._is_negative)
 
     def _compared(
         self, frame: Frame, entries: Sequence[FaceTreatment], drawn: Sequence[DrawnFace], result: RolledBoxes,
@@ -411,12 +303,6 @@ class Audit(Closing):
     def _is_in_original(self, luma: U8, box: F32, turn: float, negative: bool) -> bool:
         """Whether a face is in the original as well: edges of covers make background look like faces."""
         return self._search.is_alike(255 - luma if negative else luma, box, turn)
-
-
-def _is_cut(box: F32, width: int) -> bool:
-    """Whether a box reaches far beyond the left or right side."""
-    reach = LIMITS.max_beyond_share * (box[2] - box[0])
-    return bool(box[0] < -reach or box[2] > width + reach)
 
 
 def patch_of(luma: NDArray[Any], box: NDArray[np.floating]) -> U8 | None:

@@ -19,7 +19,7 @@ from guise.aam.landmarks.heads import region
 from guise.aam.model import Identity
 from guise.aam.parsing import HeadParser
 from guise.app.deidentify.covers import rows_from
-from guise.app.deidentify.stages.audit import Audit, AuditDetection, AuditSearch
+from guise.app.deidentify.stages.audit import Audit, AuditDetection
 from guise.app.deidentify.stages.case import KEPT, Case, LinkedTrack
 from guise.app.deidentify.stages.fit import Fits
 from guise.app.deidentify.stages.gaps import Gaps, packed, steadied
@@ -35,6 +35,7 @@ from guise.app.deidentify.stages.render import (
     numbers_of,
     with_detections,
 )
+from guise.app.deidentify.stages.search import AuditSearch
 from guise.app.deidentify.stages.things import Sights, find_doubtful, find_things, known_things
 from guise.app.deidentify.stages.work import WorkFolder
 from guise.app.media import Frame, MediaInput, Sink, process

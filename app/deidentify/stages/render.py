@@ -6,7 +6,7 @@ What the audit finds is covered too, and the segment is rendered again.  Pixels 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -55,6 +55,7 @@ class RenderLimits:
 
 
 LIMITS = RenderLimits()
+_QUARTER = np.pi / 2
 
 
 class SegmentRenderer(Closing):
@@ -280,10 +281,11 @@ def with_detections(
 
     What is found once more at the same place, beyond those frames, rests there: it is covered in all of them, unless it
     is a face that is followed, whose every frame is judged.  What is doubtful is covered from one sight to the next
-    only, if that isn't far.   rate : frames a second.
+    only, if that isn't far.  A place has one cover in a frame.   rate : frames a second.
     """
     about, far = (frames_within(seconds, rate) for seconds in (POLICY.near_seconds, POLICY.max_gap_seconds))
     more = defaultdict(list, {frame: list(these) for frame, these in entries.items()})
+    sights: dict[tuple[int, int], list[AuditDetection]] = defaultdict(list)  # by frame and place
     for one, number in zip(detections, numbers_of(detections, last - first), strict=True):
         is_followed = any(
             entry.done == SWAPPED and iou(entry.box, one.box) > LIMITS.same_place_iou
@@ -294,15 +296,30 @@ def with_detections(
         low, high = min(before, default=about), min(after, default=about)
         if away and not any(iou(box, one.box) > LIMITS.same_place_iou for box in judged.doubtful):
             low = high = last - first
-        is_thing = any(thing.is_at(one.box) for thing in judged.things)
         for frame in range(max(first, one.frame - low), min(last, one.frame + high + 1)):
+            sights[frame, number].append(one)
+    for (frame, number), seen in sights.items():
+        for box, one in _together(frame, seen):
+            is_thing = any(thing.is_at(box) for thing in judged.things)
             more[frame].append(
                 FaceTreatment(
-                    NOBODY, COVERED, one.box, 1.0, one.turn, confidence=one.score,
+                    NOBODY, COVERED, box, 1.0, one.turn, confidence=one.score,
                     reason=THING if is_thing else FOUND, cover=number,
                 )
             )  # fmt: skip
     return more
+
+
+def _together(frame: int, seen: Sequence[AuditDetection]) -> Iterator[tuple[F32, AuditDetection]]:
+    """The box about the last and the next sights of a place in a frame, and the surest; for each way up."""
+    for turn in {round(one.turn / _QUARTER) for one in seen}:
+        mine = [one for one in seen if round(one.turn / _QUARTER) == turn]
+        last = max((one.frame for one in mine if one.frame <= frame), default=None)
+        after = min((one.frame for one in mine if one.frame >= frame), default=None)
+        near = [one for one in mine if one.frame in (last, after)]
+        boxes = np.stack([one.box for one in near])
+        box = np.concatenate([boxes[:, :2].min(0), boxes[:, 2:].max(0)])
+        yield box, max(near, key=lambda one: one.score)
 
 
 def numbers_of(detections: Sequence[AuditDetection], reach: int) -> list[int]:
