@@ -25,8 +25,9 @@ INTRODUCTION = """# Commands
 
 Generated from the commands by docs/make_cli.py; `guise COMMAND --help` shows the same.
 
-Every command takes `--json`, which prints one JSON object on stdout and notes on stderr, and `--quiet`, which prints
-errors only. Exit codes and the rules for output files are in [conventions.md](conventions.md).
+Every command takes `--quiet`, which prints errors only, and `--json`, which prints one JSON object on stdout and
+[progress in lines of JSON](conventions.md#programs-that-run-guise) on stderr. Exit codes and the rules for output files
+are in [conventions.md](conventions.md).
 Any option can stand in a file, `guise.toml`, also as a preset with a name: [presets.md](presets.md).
 
 An option means the same in every command:

@@ -1,6 +1,10 @@
 """Output of the commands: results on stdout; notes, progress and errors on stderr.
 
-With --json stdout holds one JSON object and nothing else; with --quiet only errors are printed.
+With --json stdout holds one JSON object and nothing else, and progress is lines of JSON on stderr, for programs:
+
+    {"event": "progress", "file": "a.mp4", "stage": "drawing", "share": 0.25, "seconds_left": 31.5}
+
+With --quiet only errors are printed.
 """
 
 from __future__ import annotations
@@ -24,6 +28,17 @@ if TYPE_CHECKING:
 Advance = Callable[[float], None]
 
 _REFRESH_SECONDS = 0.1  # between two redraws of a bar
+_LINE_SECONDS = 1.0  # between two lines of JSON on a stage
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What was last told of a file: its stage and the share of it, since when it lasts, and when that was told."""
+
+    stage: str
+    share: float
+    began: float
+    said: float
 
 
 @dataclass(kw_only=True, eq=False)
@@ -31,10 +46,13 @@ class Console:
     """Prints for the user as the options ask."""
 
     quiet: bool = option(False, "Print errors only.", name="--quiet -q")
-    json: bool = option(False, "Print one JSON object on stdout, notes on stderr.")
+    json: bool = option(
+        False, "Print one JSON object on stdout; notes, and progress as lines of JSON, on stderr."
+    )
     piped: bool = field(default=False, init=False)  # stdout holds pictures, and stderr the rest
     _bars: Progress | None = field(default=None, init=False)
     _said: set[str] = field(default_factory=set, init=False)
+    _told: dict[str | None, _Told] = field(default_factory=dict, init=False)  # by file
 
     def say(self, text: str) -> None:
         """Print a line of the result for people; with --json the object holds it instead."""
@@ -79,6 +97,26 @@ class Console:
         """Print the JSON object of a run, with --json."""
         if self.json:
             print(json.dumps(facts, default=str), file=sys.stderr if self.piped else sys.stdout)
+
+    def tell(self, stage: str, share: float, file: str | None = None) -> None:
+        """With --json, print that `share` of a stage is done: when it begins, when it ends, and once a second."""
+        if not self.json or self.quiet:
+            return
+        now, last = time.monotonic(), self._told.get(file)
+        fresh = last is None or last.stage != stage or share < last.share
+        began = now if last is None or fresh else last.began
+        if last is None or fresh or now - last.said >= _LINE_SECONDS or share >= 1 > last.share:
+            self._told[file] = _Told(stage, share, began, now)
+            left = None if share <= 0 or fresh else round((now - began) * (1 - share) / share, 1)
+            facts = {
+                "event": "progress",
+                "file": file,
+                "stage": stage,
+                "share": round(share, 3),
+                "seconds_left": left,
+            }
+            sys.stderr.write(json.dumps(facts) + "\n")
+            sys.stderr.flush()
 
     @contextlib.contextmanager
     def progress(self, label: str) -> Iterator[Advance]:
@@ -159,6 +197,7 @@ class Stages:
             self._stage = stage
             self._advance = self._bar.enter_context(self._console.progress(stage))
         self._advance(share)
+        self._console.tell(stage, share)
 
     def __exit__(self, *problem: object) -> None:
         self._bar.close()
@@ -185,6 +224,7 @@ class Board:
     def show(self, name: str, stage: str, share: float) -> None:
         """Show that a file has finished `share` of a stage."""
         with self._lock:
+            self._console.tell(stage, share, name)
             if self._bars is None:
                 return
             task, before = self._tasks.get(name, (None, ""))
