@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import urljoin
@@ -24,8 +25,9 @@ import cv2
 import numpy as np
 from playwright.sync_api import sync_playwright
 
+from guise.aam.model import Identity
 from guise.app.media.pictures import Picture
-from guise.app.studio.store import Store
+from guise.app.people.kept import FOLDER_VARIABLE, place_for
 
 VIEW = {"width": 1000, "height": 820}  # CSS pixels
 PERSON, FACES = "Robin", ("Kenji (fictional)", "Mei (fictional)")
@@ -39,9 +41,8 @@ def film_studio(folder: Path, model: Path, camera: Path, fps: float) -> list[Pic
 
     folder : for the studio's files.   camera : the clip that the browser's camera shows.
     """
-    store = Store(folder / "studio")
-    shutil.copy(model, store.add_person(PERSON, None).path)
-    store.close()
+    os.environ[FOLDER_VARIABLE] = str(folder / "people")  # nobody else is shown
+    replace(Identity.load(model), name=PERSON).save(place_for(PERSON))
     with (
         _studio(folder / "studio") as address,
         _browser(_camera_file(camera, folder / "camera.mjpeg")) as page,

@@ -29,6 +29,8 @@ import av
 import pytest
 from made_up import SAMPLES
 
+from guise.app.studio.store import Store
+
 SCREEN = os.environ.get("GUISE_TEST_SCREEN", "")
 TIMEOUT_MS = 60_000  # after which a browser action has failed
 LIMIT = 50  # MB, largest upload to the servers in tests
@@ -87,7 +89,11 @@ def studio(
 ) -> Iterator[StudioServer]:
     """A studio on a free port."""
     command = [sys.executable, *program, "studio", "--folder", str(folder), "--port", "0", "--no-open"]
-    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    environment = os.environ | {
+        "OPENBLAS_NUM_THREADS": "1",
+        "OMP_NUM_THREADS": "1",
+        "GUISE_PEOPLE": str(folder / "people"),
+    }
     with TemporaryFile("w+") as errors, subprocess.Popen(
         [*command, "--limit", str(limit), "--json"], stdout=subprocess.PIPE, stderr=errors, text=True,
         env=environment, cwd=SAMPLES.parent, start_new_session=True,
@@ -100,6 +106,16 @@ def studio(
         finally:
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)
+
+
+@contextmanager
+def store_in(folder: Path) -> Iterator[Store]:
+    """What a studio in a folder will keep, before it runs."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("GUISE_PEOPLE", str(folder / "people"))
+        store = Store(folder)
+        yield store
+        store.close()
 
 
 @pytest.fixture(scope="module")

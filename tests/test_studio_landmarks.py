@@ -10,13 +10,11 @@ from typing import Any
 import clips
 import numpy as np
 import pytest
-from studio_browser import StudioServer, browser, studio, visit  # noqa: F401
+from studio_browser import StudioServer, browser, store_in, studio, visit  # noqa: F401
 
 from guise.aam.landmarks import load_annotations
-from guise.aam.model import Identity
-from guise.app.media.pictures import save_picture
-from guise.app.people.montage import montage
-from guise.app.studio.store import CLIP, Person, Store
+from guise.aam.model import rename_model
+from guise.app.studio.store import CLIP, Person
 
 pytestmark = pytest.mark.slow
 
@@ -74,14 +72,13 @@ class Desk:
 @pytest.fixture(scope="module")
 def people(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Person]:
     """Ann, trained on a short clip, and Bob, whose clip is gone, in a studio's folder."""
-    store = Store(tmp_path_factory.mktemp("landmarks") / "studio")
-    clip = store.add_upload(CLIP, "talk", ".mp4")
-    clips.cut("p01", clip.path, FRAMES)
-    known = {"Ann": store.add_person("Ann", clip.id), "Bob": store.add_person("Bob", None)}
-    for person in known.values():
-        shutil.copy(GALLERY / "p01.guise", person.path)
-        save_picture(person.montage, montage(Identity.load(person.path)))
-    store.close()
+    with store_in(tmp_path_factory.mktemp("landmarks") / "studio") as store:
+        clip = store.add_upload(CLIP, "talk", ".mp4")
+        clips.cut("p01", clip.path, FRAMES)
+        known = {"Ann": store.add_person("Ann", clip.id), "Bob": store.add_person("Bob", None)}
+        for person in known.values():
+            shutil.copy(GALLERY / "p01.guise", person.path)
+            rename_model(person.path, person.name)
     return known
 
 

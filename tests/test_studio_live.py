@@ -7,6 +7,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
@@ -21,11 +22,10 @@ from made_up import SAMPLES
 pytest.importorskip("playwright")
 sys.path.append(str(Path(__file__).parents[1] / "docs"))  # scripts of the checkout
 import studio_picture
-from studio_browser import StudioServer, browser, browser_arguments, camera_file, studio, visit  # noqa: F401
+from studio_browser import StudioServer, browser, browser_arguments, camera_file, store_in, studio, visit  # noqa: F401
 
 from guise.aam.landmarks.schemes import INNER51, LOWER_LIP_INNER, UPPER_LIP_INNER
 from guise.aam.model import Identity
-from guise.app.studio.store import Store
 
 pytestmark = pytest.mark.slow
 
@@ -67,9 +67,8 @@ def regions() -> tuple[np.ndarray, np.ndarray]:
 def server(tmp_path_factory: pytest.TempPathFactory, p01: Identity) -> Iterator[StudioServer]:
     """A studio that knows the person at the camera."""
     folder = tmp_path_factory.mktemp("studio")
-    store = Store(folder)
-    p01.save(store.add_person("Robin", None).path)
-    store.close()
+    with store_in(folder) as store:
+        replace(p01, name="Robin").save(store.add_person("Robin", None).path)
     with studio(folder) as running:
         yield running
 

@@ -30,8 +30,9 @@ def filled(
     with visit(browser, studio_server, "/analogy") as page:
         page.locator("input[type=file]").first.wait_for(state="attached")
         page.goto(studio_server.url("/people"))
-        page.locator("input[type=file]").nth(1).wait_for(state="attached")
         page.locator("input[type=file]").first.set_input_files(str(clip))
+        page.get_by_text("The person shown here agreed").click()
+        page.get_by_role("button", name="Learn from this clip").click()
         page.get_by_role("progressbar", name="Progress").or_(page.get_by_text("Try again")).first.wait_for()
     return studio_server
 

@@ -2,11 +2,23 @@
 
 import sqlite3
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from guise.app.studio.store import CLIP, CONFIDENTIAL, DATABASE, MAX_NAME_CHARACTERS, Store, StudioError
+from guise.app.people import kept
+from guise.app.studio.store import (
+    CLIP,
+    CONFIDENTIAL,
+    DATABASE,
+    MAX_NAME_CHARACTERS,
+    Person,
+    Store,
+    StudioError,
+)
+from guise.app.swapping.donors import open_donor
+from guise.common.errors import GuiseError
 
 TRICKS = [
     "../../evil",
@@ -23,6 +35,18 @@ TRICKS = [
 ]
 
 
+@pytest.fixture(autouse=True)
+def people(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where people are kept."""
+    monkeypatch.setenv("GUISE_PEOPLE", str(tmp_path / "kept"))
+    return tmp_path / "kept"
+
+
+def model(person: Person) -> None:
+    """Write the model of a person."""
+    replace(open_donor("p01"), name=person.name).save(person.path)
+
+
 def files(folder: Path) -> set[Path]:
     return {path for path in folder.rglob("*") if path.is_file() and "studio.sqlite" not in path.name}
 
@@ -32,7 +56,7 @@ def test_what_was_kept_is_there_after_a_restart(tmp_path: Path) -> None:
     clip = store.add_upload(CLIP, "Anna", ".mp4")
     clip.path.write_bytes(b"video")
     person = store.add_person("Anna", clip.id)
-    person.path.write_bytes(b"model")
+    model(person)
     job = store.add_job("enrol", {"clip": clip.id})
     store.change_job(job.id, state="failed", sentence="no face")
     store.remember("dark", True)
@@ -48,13 +72,36 @@ def test_what_was_kept_is_there_after_a_restart(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", TRICKS)
 def test_a_name_is_no_part_of_a_path(tmp_path: Path, name: str) -> None:
     store = Store(tmp_path / "studio")
-    for row in (store.add_upload(CLIP, name, ".mp4"), store.add_person(name, None)):
-        row.path.write_bytes(b"")
+    clip, person = store.add_upload(CLIP, name, ".mp4"), store.add_person(name, None)
+    clip.path.write_bytes(b"")
+    model(person)
+    for row in (clip, person):
         assert row.path.stem == row.id
         assert row.name
         assert row.name.isprintable()
         assert len(row.name) <= MAX_NAME_CHARACTERS
     assert {path.stem for path in files(tmp_path)} == {row.id for row in (*store.clips(), *store.people())}
+    store.close()
+
+
+def test_people_are_those_of_the_commands(tmp_path: Path, people: Path) -> None:
+    """Somebody kept by a command is listed and renamed; somebody of an older studio's folder is moved."""
+    (tmp_path / "studio" / "people").mkdir(parents=True)
+    for file, name in (
+        (kept.place_for("Anna"), "Anna"),
+        (tmp_path / "studio" / "people" / "1.guise", "Anna"),
+    ):
+        replace(open_donor("p01"), name=name).save(file)
+    store = Store(tmp_path / "studio")
+    assert sorted(person.name for person in store.people()) == ["Anna", "Anna 2"]
+    assert {person.path.parent for person in store.people()} == {people}
+    assert not (tmp_path / "studio" / "people").exists()
+    anna = next(person for person in store.people() if person.name == "Anna")
+    with pytest.raises(GuiseError, match="already somebody named Anna 2"):
+        store.rename_person(anna.id, "Anna 2")
+    assert store.rename_person(anna.id, "Bea") == replace(anna, name="Bea")
+    store.remove_person(anna.id)
+    assert [person.name for person in kept.everybody()] == ["Anna 2"]
     store.close()
 
 
@@ -83,7 +130,7 @@ def test_removing_leaves_nothing(tmp_path: Path) -> None:
     )
     job = store.add_job("enrol", {})
     store.folder_of(job.id).mkdir()
-    for path in (clip.path, clip.path.with_suffix(".npz"), person.path, person.montage, other.path):
+    for path in (clip.path, clip.path.with_suffix(".npz"), person.path, other.path):
         path.write_bytes(b"")
     (store.folder_of(job.id) / "part").write_bytes(b"")
     store.remove_upload(clip.id)

@@ -93,6 +93,11 @@ def place_for(name: str) -> Path:
     return path
 
 
+def free_name(name: str, path: Path) -> str:
+    """A name for the model at a path that nobody else has: the name itself, or with a number."""
+    return _free(name, {person.name for person in everybody() if person.path != path})
+
+
 def everybody() -> list[KeptPerson]:
     """All who are kept, by name; files that are no models are passed over."""
     found = (_person(path) for path in folder().glob("*.guise"))

@@ -11,7 +11,7 @@ from nicegui import ui
 from guise.app.studio.landmark_correction import Correction, landmarks_job, load_correction
 from guise.app.studio.landmark_editor import LandmarkEditor
 from guise.app.studio.landmark_strip import ClipFrames
-from guise.app.studio.site import Studio, heading, page, show_job
+from guise.app.studio.site import Studio, empty_state, heading, page, show_job
 from guise.app.studio.store import JobRow, Person, Upload
 
 PATH = "/landmarks"
@@ -40,13 +40,14 @@ def _people(studio: Studio) -> None:
     clips = {clip.id for clip in studio.store.clips()}
     people = [person for person in studio.store.people() if person.clip in clips]
     if not people:
-        ui.label("None of your people has a clip here any more.")
-        ui.link("Add a person from a clip", "/people")
-    with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2"):
+        words = "Landmarks belong to somebody who was learned here from a clip that is still kept."
+        with empty_state("face_retouching_off", "Nobody has landmarks here", words):
+            ui.link("Learn somebody from a clip", "/people")
+    with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2 md:grid-cols-4 mt-4"):
         for person in people:
-            with ui.link(target=f"{PATH}/{person.id}").classes("no-underline text-inherit"), ui.card():
+            with ui.link(target=f"{PATH}/{person.id}").classes("choice"), ui.card().classes("w-full"):
+                ui.image(studio.portrait(str(person.path))).classes("w-full rounded").props["alt"] = ""
                 ui.label(person.name).classes("text-h6 break-all")
-                ui.image(studio.url(person.montage)).classes("w-full").props["alt"] = ""
 
 
 def _open(studio: Studio, id: str) -> None:

@@ -8,6 +8,7 @@ import tempfile
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,8 +27,7 @@ from guise.app.live.overlay import mesh_path
 from guise.app.live.session import SessionConfig
 from guise.app.live.virtualcam import VirtualCamera
 from guise.app.media import MediaError
-from guise.app.media.pictures import save_picture
-from guise.app.people.montage import montage
+from guise.app.people.kept import free_name
 from guise.app.studio.dialogs import confirm
 from guise.app.studio.frame_socket import Peer, PeerOutput
 from guise.app.studio.live_elements import figures, graph, select, video
@@ -308,8 +308,7 @@ class _LivePage:
         """Add a newly enrolled person to the studio's people; called in the run's processing thread."""
         self._propose(made, faces)
         person = self.studio.store.add_person(made.name, None)
-        save_picture(person.montage, montage(made))
-        made.save(person.path)
+        replace(made, name=free_name(made.name, person.path)).save(person.path)
         self._enrolled = person.id
 
     async def _stop(self) -> None:

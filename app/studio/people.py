@@ -12,19 +12,23 @@ from starlette.responses import PlainTextResponse, Response
 
 from guise.aam.model import Identity, ModelError, read_header
 from guise.app.media.image_writing import encode_image
-from guise.app.people.montage import portrait
+from guise.app.people.montage import montage, portrait
 from guise.app.photos.enrol_photos import MAX_PHOTOS
 from guise.app.studio.clip_recorder import ClipRecorder
 from guise.app.studio.dialogs import asked, confirm
 from guise.app.studio.enrol_job import ENROL_JOB, enrol_job, keep_person
 from guise.app.studio.live import FACE as LIVE_FACE
-from guise.app.studio.site import Studio, heading, local_time, page, show_job
+from guise.app.studio.site import Studio, empty_state, heading, local_time, page, show_job
 from guise.app.studio.store import JobRow, Person, StudioError, Upload
 from guise.app.studio.swap import FACE as SWAP_FACE
-from guise.app.studio.uploads import PHOTO, shown_moving, uploader
+from guise.app.studio.uploads import CLIP, PHOTO, shown_moving, uploader
 from guise.app.swapping.donors import FIRST_NAMES, gallery, open_donor
 from guise.common.errors import GuiseError
 
+ADVICE = (
+    "A clip of 10 to 30 seconds is best: look into the camera, speak, smile, turn your head a little.",
+    "Of photos one is enough, from the front and at rest. Teeth and turned views are guessed then.",
+)
 POLL_SECONDS = 1.0  # between two checks for changes made in other tabs
 
 
@@ -34,16 +38,22 @@ def register(studio: Studio) -> None:
     page(studio, "/people", "People", lambda: _PeoplePage(studio).build())
     nicegui_app.get("/gallery/{name}.png")(_portrait)
 
-    async def own(id: str) -> Response:
+    async def own(id: str, pictured: Callable[[str, float], bytes]) -> Response:
         try:
             path = studio.store.person(id).path
-            return Response(
-                await run.io_bound(_drawn, str(path), path.stat().st_mtime), media_type="image/png"
-            )
+            drawn = await run.io_bound(pictured, str(path), path.stat().st_mtime)
+            return Response(drawn, media_type="image/png")
         except (GuiseError, OSError):
             return PlainTextResponse("There is nobody with this id.", 404)
 
-    nicegui_app.get("/portraits/{id}.png")(own)
+    async def portrait_of(id: str) -> Response:
+        return await own(id, _drawn)
+
+    async def montage_of(id: str) -> Response:
+        return await own(id, _montage)
+
+    nicegui_app.get("/portraits/{id}.png")(portrait_of)
+    nicegui_app.get("/montages/{id}.png")(montage_of)
 
 
 def train(studio: Studio, clip: Upload, name: str = "") -> str:
@@ -74,16 +84,24 @@ class _PeoplePage:
     def __init__(self, studio: Studio) -> None:
         self.studio = studio
         self._cards: dict[str, tuple[Any, ui.element]] = {}  # by id, what was drawn and where
+        self._next: Upload | None = None  # that somebody may be learned from next
 
     def build(self) -> None:
-        self._add()
-        heading("Your people")
-        self._nobody = ui.label("Nobody yet.")
-        self._people = ui.element("div").classes("w-full grid gap-4 items-start sm:grid-cols-2")
-        self._clips_heading = heading("Your clips")
-        self._clips = ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2 md:grid-cols-4")
+        with ui.element("div").classes("desk"):
+            with ui.column().classes("w-full"):
+                heading("Your people").classes(remove="mt-4")
+                self._nobody = empty_state(
+                    "person_add",
+                    "Nobody yet",
+                    "Add yourself, or somebody who agreed. `guise people` knows them, too.",
+                )
+                self._people = ui.element("div").classes("w-full grid gap-4 items-start sm:grid-cols-2")
+                self._clips_heading = heading("Your clips")
+                self._clips = ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2 md:grid-cols-4")
+                self._gallery()
+            with ui.column().classes("w-full"):
+                self._add()
         self._poll()
-        self._gallery()
         ui.timer(POLL_SECONDS, self._poll)
 
     def _poll(self) -> None:
@@ -118,28 +136,29 @@ class _PeoplePage:
     # -- somebody new ----------------------------------------------------------------------------------------------
 
     def _add(self) -> None:
-        with ui.card().classes("w-full"):
+        with ui.card().classes("w-full") as self._card:
             heading("Add a person").classes(remove="mt-4")
-            self._name = ui.input("Name").props("outlined dense").classes("w-full max-w-sm")
-            ui.label(
-                "A clip of 10 to 30 seconds that shows one face from the front: look into the camera, speak, smile, "
-                "turn your head a little."
-            )
-            with ui.row():
-                field = uploader(self.studio, "Upload a clip", self._train_named)
-                recorder = ClipRecorder(field)
+            self._name = ui.input("Name").props("outlined dense").classes("w-full")
+            field = uploader(
+                self.studio, "Choose a clip or photos", self._uploaded, (CLIP, PHOTO), several=True,
+                hint="Drop a clip of one person, or up to nine photos",
+            )  # fmt: skip
+            recorder = ClipRecorder(field)
             recorder.stage()
-            ui.separator()
-            ui.label(
-                "Or one photo, at rest and from the front; up to nine of the same person are better. What no photo "
-                "shows, such as teeth and turned views, is guessed: a clip is better still."
-            )
-            uploader(self.studio, "Upload photos", lambda _: self._photos.refresh(), (PHOTO,), several=True)
-            self._photos()
+            self._material()
+            for words in ADVICE:
+                ui.label(words).classes("opacity-70")
 
-    def _train_named(self, clip: Upload) -> None:
-        train(self.studio, clip, self._name.value)
-        self._name.value = ""
+    def _uploaded(self, upload: Upload) -> None:
+        if upload.kind == CLIP.name:
+            self._take(upload)
+        self._material.refresh()
+
+    def _take(self, clip: Upload) -> None:
+        """Propose to learn from a clip."""
+        self._next = clip
+        self._material.refresh()
+        ui.run_javascript(f"getHtmlElement({self._card.id}).scrollIntoView()")
         self._poll()
 
     def _waiting_photos(self) -> list[Upload]:
@@ -149,11 +168,17 @@ class _PeoplePage:
         return [one for one in self.studio.store.uploads(PHOTO.name)[::-1] if str(one.path) not in taken]
 
     @ui.refreshable_method
-    def _photos(self) -> None:
-        """The photos, and what the user says of them before they are learned."""
-        photos = self._waiting_photos()
-        if not photos:
+    def _material(self) -> None:
+        """What somebody can be learned from, and what the user says of it before."""
+        photos, clip = self._waiting_photos(), self._next
+        if clip is not None and clip.path.exists():
+            shown_moving(self.studio.url(clip.path), clip.path, f"The clip {clip.name}").classes(
+                "w-full rounded"
+            )
+        elif not photos:
             return
+        else:
+            clip = None
         with ui.row().classes("gap-2"):
             for photo in photos:
                 with ui.column().classes("items-center gap-0"):
@@ -163,14 +188,25 @@ class _PeoplePage:
                     picture.props["alt"] = photo.name
                     remove = ui.button(icon="delete", color=None, on_click=partial(self._drop, photo))
                     remove.props("flat round dense").props["aria-label"] = f"Remove the photo {photo.name}"
-        agreed = ui.checkbox("The person in the photos agreed to this, or it is me.")
+        agreed = ui.checkbox("The person shown here agreed to this, or it is me.")
         many = "this photo" if len(photos) == 1 else f"these {len(photos)} photos"
-        learn = ui.button(f"Learn from {many}", icon="face", on_click=lambda: self._learn(photos))
-        learn.bind_enabled_from(agreed, "value")
+        ways: list[tuple[str, Callable[[], None]]] = []
+        if clip is not None:
+            ways.append(("this clip", partial(self._learn_clip, clip)))
+        if photos:
+            ways.append((many, lambda: self._learn(photos)))
+        for words, learn in ways:
+            button = ui.button(f"Learn from {words}", icon="face", on_click=learn).classes("w-full")
+            button.bind_enabled_from(agreed, "value")
 
     def _drop(self, photo: Upload) -> None:
         self.studio.store.remove_upload(photo.id)
-        self._photos.refresh()
+        self._material.refresh()
+
+    def _learn_clip(self, clip: Upload) -> None:
+        train(self.studio, clip, self._name.value)
+        self._next = None
+        self._begun()
 
     def _learn(self, photos: list[Upload]) -> None:
         if len(photos) > MAX_PHOTOS:
@@ -178,8 +214,11 @@ class _PeoplePage:
         person = self.studio.store.add_person(self._name.value or photos[0].name, None)
         names = {str(photo.path): photo.name for photo in photos}
         _start(self.studio, person, {"photos": list(names), "files": names})
+        self._begun()
+
+    def _begun(self) -> None:
         self._name.value = ""
-        self._photos.refresh()
+        self._material.refresh()
         self._poll()
 
     # -- everybody -------------------------------------------------------------------------------------------------
@@ -205,7 +244,7 @@ class _PeoplePage:
         if not person.path.exists():
             self.studio.store.remove_person(person.id)
         self.studio.store.remove_job(job.id)
-        self._photos.refresh()
+        self._material.refresh()
         self._poll()
 
     def _person(self, person: Person) -> None:
@@ -230,9 +269,9 @@ class _PeoplePage:
                 button = ui.button(words, on_click=partial(act, person)).props("outline padding='xs sm'")
                 button.props["aria-label"] = f"{words} {person.name}"
         with ui.expansion("Details").classes("w-full"):
-            picture = self.studio.url(person.montage)
+            picture = f"/montages/{person.id}.png?{person.path.stat().st_mtime_ns}"
             with ui.link(target=picture, new_tab=True).classes("w-full"):
-                ui.image(picture).props["alt"] = f"The model of {person.name}"
+                ui.image(picture).props("loading=lazy").props["alt"] = f"The model of {person.name}"
             link = ui.link("Download the model", self.studio.url(person.path))
             link.props["download"] = f"{person.name}.guise"
 
@@ -267,16 +306,11 @@ class _PeoplePage:
         ui.label(local_time(clip.created))
         shown_moving(self.studio.url(clip.path), clip.path, f"The clip {clip.name}").classes("w-full")
         with ui.row().classes("items-center"):
-            ui.button("Train", on_click=partial(self._train, clip)).props["aria-label"] = (
-                f"Train on {clip.name}"
-            )
+            learn = ui.button("Learn", on_click=partial(self._take, clip))
+            learn.props["aria-label"] = f"Learn from the clip {clip.name}"
             ui.link("Download", self.studio.url(clip.path)).props["download"] = clip.name + clip.path.suffix
             button = ui.button("Delete", on_click=partial(self._confirm_delete, clip)).props("outline")
             button.props["aria-label"] = f"Delete the clip {clip.name}"
-
-    def _train(self, clip: Upload) -> None:
-        train(self.studio, clip)
-        self._poll()
 
     async def _confirm_delete(self, row: Person | Upload) -> None:
         """Delete after the user confirms."""
@@ -303,6 +337,12 @@ async def _portrait(name: str) -> Response:
     if name not in gallery():
         return PlainTextResponse(f"There is no built-in face called {name}.", 404)
     return Response(await run.io_bound(_drawn, name), media_type="image/png")
+
+
+@lru_cache
+def _montage(file: str, changed: float) -> bytes:
+    """A PNG of what a model file holds as it was changed last."""
+    return encode_image(montage(Identity.load(file)), None, ".png", {})
 
 
 @lru_cache

@@ -16,6 +16,7 @@ from nicegui import app as nicegui_app
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
+from guise.app.people import kept
 from guise.app.studio.jobs import JobQueue
 from guise.app.studio.progress_row import ProgressRow
 from guise.app.studio.store import FOLDERS, JobRow, MissingError, Store, StudioError
@@ -31,7 +32,7 @@ LINKS = {
     "De-identify": "/deidentify",
     "Analogy": "/analogy",
 }
-FILE_PATHS = ("/files/", "/static/", "/gallery/", "/portraits/", "/_nicegui")  # of no pages
+FILE_PATHS = ("/files/", "/static/", "/gallery/", "/portraits/", "/montages/", "/_nicegui")  # of no pages
 JOB_POLL_SECONDS = 0.3
 STATIC = Path(__file__).parent / "static"
 _PRIMARY_COLOUR = "#0b7a70"  # legible below white text and on both backgrounds
@@ -54,7 +55,9 @@ class Studio:
     limit: int
 
     def url(self, path: Path) -> str:
-        """Address of a file in the studio's folder, for pictures, videos and downloads."""
+        """Address of a file in the studio's folder, or of a model, for pictures, videos and downloads."""
+        if path.parent == kept.folder():
+            return f"/files/people/{path.name}"
         return "/files/" + quote(path.relative_to(self.store.folder).as_posix())
 
     def faces(self) -> dict[str, str]:
@@ -72,6 +75,7 @@ def serve_files(studio: Studio) -> None:
     nicegui_app.add_static_files("/static", STATIC)
     for name in FOLDERS:
         nicegui_app.add_static_files(f"/files/{name}", studio.store.folder / name, max_cache_age=0)
+    nicegui_app.add_static_files("/files/people", kept.folder(), max_cache_age=0)
 
 
 def serve_missing(studio: Studio) -> None:

@@ -1,12 +1,13 @@
-"""The studio's storage: clips, people, pictures, meshes and jobs, in one folder.
+"""The studio's storage: clips, pictures, meshes and jobs, in one folder; people are where the commands keep them.
 
-FOLDER/studio.sqlite holds the rows; files are at FOLDER/clips/ID.mp4, FOLDER/people/ID.guise, FOLDER/uploads/ID.png
-and FOLDER/jobs/ID/.  Ids are generated here; names are the user's own text and never part of a path.  Times are UTC in
-ISO 8601.
+FOLDER/studio.sqlite holds the rows; files are at FOLDER/clips/ID.mp4, FOLDER/uploads/ID.png and FOLDER/jobs/ID/, models
+in the folder of `guise.app.people.kept`, where a file's stem is the person's id.  Ids are generated here; names are the
+user's own text and never part of a path.  Times are UTC in ISO 8601.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shutil
 import sqlite3
@@ -17,14 +18,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from guise.aam.model import rename_model
+from guise.aam.model import read_header, rename_model
 from guise.app.deidentify.run.inputs import VIDEO_SUFFIXES
 from guise.app.media.animation_writer import FORMS
+from guise.app.people import kept
 from guise.common.errors import GuiseError
 
 State = Literal["waiting", "running", "done", "failed", "cancelled"]
 
-FOLDERS = ("clips", "people", "uploads", "jobs")
+FOLDERS = ("clips", "uploads", "jobs")
 DATABASE = "studio.sqlite"
 CLIP = "clip"  # the kind of uploads that are videos, and of those that are to be de-identified, which are nowhere else
 CONFIDENTIAL = "confidential"
@@ -54,18 +56,13 @@ class MissingError(StudioError):
 
 @dataclass(frozen=True)
 class Person:
-    """A person; their model is at `path`, `clip` is the id of the clip it was trained on."""
+    """A person; their model is at `path`, `clip` is the id of the clip it was trained on here, if it was."""
 
     id: str
     name: str
     created: str
     clip: str | None
     path: Path
-
-    @property
-    def montage(self) -> Path:
-        """The picture of the model."""
-        return self.path.with_suffix(".png")
 
 
 @dataclass(frozen=True)
@@ -126,6 +123,7 @@ class Store:
         self.folder = folder
         self._lock = threading.Lock()
         self._database = _open(folder)
+        _move_people(folder / "people")
         shutil.rmtree(self.incoming, ignore_errors=True)
         self.incoming.mkdir(mode=_PRIVATE)
 
@@ -139,26 +137,28 @@ class Store:
         return self._person(self._add("people", _clean(name), _now(), clip))
 
     def people(self) -> list[Person]:
-        """The people whose model is complete, newest first."""
-        found = map(self._person, self._all("people"))
-        return [person for person in found if person.path.exists()]
+        """Everybody who is kept on this computer, newest first."""
+        rows = {id: (created, clip) for id, _, created, clip in self._all("people")}
+        found = []
+        for one in kept.everybody():
+            since = one.kept.astimezone(UTC).isoformat(timespec="seconds")
+            created, clip = rows.get(one.path.stem, (since, None))
+            found.append(Person(one.path.stem, one.name, created, clip, one.path))
+        return sorted(found, key=lambda person: person.created, reverse=True)
 
     def person(self, id: str) -> Person:
-        """The person of an id.  StudioError when there is none."""
-        return self._person(self._one("people", id, "person"))
+        """The person of an id, also before there is a model.  StudioError when there is none."""
+        known = {person.id: person for person in self.people()}
+        return known.get(id) or self._person(self._one("people", id, "person"))
 
     def rename_person(self, id: str, name: str) -> Person:
-        """Give a person another name, in their model as well."""
-        person = self.person(id)
-        rename_model(person.path, _clean(name))
-        self._run("UPDATE people SET name = ? WHERE id = ?", (_clean(name), id))
+        """Give a person another name.  GuiseError when somebody else has it."""
+        kept.rename(self.person(id).name, _clean(name))
         return self.person(id)
 
     def remove_person(self, id: str) -> None:
         """Delete a person and their model."""
-        person = self.person(id)
-        person.path.unlink(missing_ok=True)
-        person.montage.unlink(missing_ok=True)
+        self.person(id).path.unlink(missing_ok=True)
         self._run("DELETE FROM people WHERE id = ?", (id,))
 
     def add_upload(self, kind: str, name: str, suffix: str) -> Upload:
@@ -264,7 +264,7 @@ class Store:
 
     def _person(self, row: tuple[Any, ...]) -> Person:
         id, name, created, clip = row
-        return Person(id, name, created, clip, self.folder / "people" / f"{id}.guise")
+        return Person(id, name, created, clip, kept.folder() / f"{id}.guise")
 
 
 def _open(folder: Path) -> sqlite3.Connection:
@@ -288,6 +288,18 @@ def _open(folder: Path) -> sqlite3.Connection:
         ) from error
     except (OSError, sqlite3.DatabaseError) as error:
         raise StudioError(f"{folder} cannot be used ({error}): choose another --folder") from error
+
+
+def _move_people(before: Path) -> None:
+    """Move people to where all are kept from the folder in which the studio once kept its own."""
+    kept.folder().mkdir(mode=_PRIVATE, parents=True, exist_ok=True)
+    if before.resolve() == kept.folder().resolve():
+        return
+    for model in before.glob("*.guise"):
+        moved = Path(shutil.move(model, kept.folder() / model.name))
+        with contextlib.suppress(GuiseError):  # no model that can be read
+            rename_model(moved, kept.free_name(read_header(moved).name, moved))
+    shutil.rmtree(before, ignore_errors=True)
 
 
 def _job(row: tuple[Any, ...]) -> JobRow:
