@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import av
+import cv2
 import numpy as np
 import pytest
 from clips import cut, empty_scene, pictures, tags
@@ -20,6 +21,7 @@ from made_up import SAMPLES
 from guise.aam.landmarks.detector import FaceDetector
 from guise.aam.landmarks.schemes import INNER51
 from guise.aam.model import Identity
+from guise.aam.recognition import MIN_SAME_PERSON_SIMILARITY, cosine_similarity
 from guise.aam.tracker_training import TrackerOptions
 from guise.app.deidentify.options import DeidentifyError, DeidentifyOptions
 from guise.app.deidentify.run import job as module
@@ -32,6 +34,7 @@ from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
 from guise.app.deidentify.tracks import FileReport
 from guise.app.media import EncodeOptions, Frame, MediaError, segments
 from guise.app.media.problems import ProblemLog
+from guise.app.people.found import people_in_photo
 from guise.app.swapping.donors import open_donor
 
 pytestmark = pytest.mark.slow
@@ -392,13 +395,32 @@ def test_without_faces_everything_stays(tmp_path: Path) -> None:
     assert report.counts == {"without face": 12, "swapped": 0, "covered": 0, "left": 0}
 
 
-def test_a_picture_is_covered(clip: Path, tmp_path: Path) -> None:
+def test_a_picture_shows_another_face(clip: Path, tmp_path: Path) -> None:
     from guise.app.media import open_input
     from guise.app.media.pictures import save_picture
 
     with open_input(clip) as source:
         rgb = next(iter(source)).rgb()
     save_picture(tmp_path / "one.png", rgb)
+    report = run(tmp_path / "one.png", tmp_path / "out.png")
+    assert report is not None
+    assert report.counts["swapped"] == 1
+    assert not report.unclear
+    with open_input(tmp_path / "out.png") as made:
+        drawn = next(iter(made))
+    (own,), (other,) = (people_in_photo(frame).people for frame in (Frame.from_rgb(rgb), drawn))
+    assert cosine_similarity(own.signature, other.signature) < MIN_SAME_PERSON_SIMILARITY
+
+
+def test_a_small_face_in_a_picture_is_covered(clip: Path, tmp_path: Path) -> None:
+    from guise.app.media import open_input
+    from guise.app.media.pictures import save_picture
+
+    with open_input(clip) as source:
+        rgb = next(iter(source)).rgb()
+    factor = 30 / people_in_photo(Frame.from_rgb(rgb)).people[0].width
+    small = cv2.resize(rgb, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    save_picture(tmp_path / "one.png", cv2.copyMakeBorder(small, 0, 200, 0, 200, cv2.BORDER_REPLICATE))
     report = run(tmp_path / "one.png", tmp_path / "out.png")
     assert report is not None
     assert report.counts["covered"] == 1

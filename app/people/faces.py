@@ -267,6 +267,7 @@ class SegmentTracker:
         self._ends: list[U8] = []
         self._cut_detector = CutDetector()
         self._small_until = 0  # frame
+        self._frames = 0
 
     def has_small_faces(self) -> bool:
         """Whether a small face was seen lately, or a shot has begun."""
@@ -279,6 +280,7 @@ class SegmentTracker:
             self._tracker.restart()
             self._shot.clear()
         self._ends[1:] = [frame.small]
+        self._frames += 1
         self._shot.append(frame.index)
         for number, face in self._tracker.update(frame.rgb, frame.found).items():
             self._tracklets[number][frame.index] = face
@@ -291,12 +293,17 @@ class SegmentTracker:
 
     def numbers(self) -> list[int]:
         """The numbers of the tracklets in the order of `faces`."""
-        return [n for n, t in self._tracklets.items() if len(t) >= LIMITS.min_tracklet_frames]
+        return [n for n, t in self._tracklets.items() if len(t) >= self._least]
+
+    @property
+    def _least(self) -> int:
+        """Frames of a tracklet, at least; a photo has one."""
+        return min(LIMITS.min_tracklet_frames, self._frames)
 
     def faces(self) -> SegmentFaces:
         """All of the segment so far."""
         tracklets = [self._tracklets[number] for number in self.numbers()]
-        short = [t for t in self._tracklets.values() if len(t) < LIMITS.min_tracklet_frames]
+        short = [t for t in self._tracklets.values() if len(t) < self._least]
         glimpsed = [
             Candidate(index, face.box, max(face.confidence, LIMITS.min_score), True, turn)
             for tracklet in short

@@ -74,13 +74,22 @@ class TrustJudge:
     def locate(self, tracker: Tracker, frame: Frame, points: F64, confidence: float) -> LocatedFace:
         """A person's face near a landmarker's points (81, 2) in a frame.
 
-        confidence : the landmarker's, in [0, 1].
+        confidence : the landmarker's, in [0, 1]; all that tells a face in a photo, where it is not hidden.
         """
+        if not len(tracker.pixels):
+            seen = min(_landmarker_trust(confidence), _frontal_trust(points))
+            return LocatedFace(points, min(seen, self._uncovered(frame, points)))
         fit = tracker.fit(frame.luma, points)
         shape = points
         if isinstance(fit, Fit) and _distance(fit.shape, points) < LIMITS.agreement_interocular:
             shape = (fit.shape + points) / 2
         return LocatedFace(shape, min(self.trust(tracker, frame, shape), _landmarker_trust(confidence)))
+
+    def _uncovered(self, frame: Frame, shape: F64) -> float:
+        """1 where objects leave enough of the face at a shape (81, 2)."""
+        parsing = parse_frame(self._parser, frame, shape)
+        hidden = parsing.at(shape, parsing.share(FaceClass.OCCLUDER)) > LIMITS.object_share
+        return _falling(float(hidden.mean()), LIMITS.hidden_share, LIMITS.hidden_share_width)
 
     def trust(self, tracker: Tracker, frame: Frame, shape: F64) -> float:
         """Confidence in [0, 1] that the face at a shape (81, 2) is the person's, visible enough and frontal."""

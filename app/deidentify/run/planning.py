@@ -143,7 +143,7 @@ def propose_tracks(case: Case) -> list[Track]:
 
 def _why_cover(case: Case, track: LinkedTrack, share: float) -> str:
     if not case.has_model(track.number):
-        return why_not(track) or str(case.work.load_json(f"person.{track.number - 1}.json"))
+        return why_not(case, track) or str(case.work.load_json(f"person.{track.number - 1}.json"))
     return "" if share >= LIMITS.min_swap_share else "hardly any frame shows the face well enough"
 
 

@@ -96,9 +96,9 @@ class Case:
 
     @cached_property
     def rate(self) -> float:
-        """Frames a second, the usual one, for what is measured in seconds."""
+        """Frames a second, the usual one, for what is measured in seconds; the only one of a photo lasts as long."""
         steps = np.diff(self.scan.pts)
-        return float(1 / (np.median(steps) * self.scan.time_base)) if len(steps) else 30.0
+        return float(1 / (np.median(steps) * self.scan.time_base)) if len(steps) else 1.0
 
     @cached_property
     def times(self) -> NDArray[np.float64]:

@@ -1,7 +1,7 @@
 """The third stage: a model of a track's person, enrolled from the video itself.
 
 It is trained on frames in which the landmarks are confident, from a few segments, evenly chosen, so that an hour of
-video costs no more than a minute.
+video costs no more than a minute.  Of the people in a photo no more is known than it shows (`guise.aam.one_photo`).
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.model import Identity
+from guise.aam.one_photo import person_in_photo
 from guise.aam.parsing import FaceParser
 from guise.aam.reference import ReferenceFrame
 from guise.aam.similarity import Failed
@@ -26,6 +27,7 @@ from guise.aam.training import (
     train_identity,
 )
 from guise.app.deidentify.stages.case import Case, LinkedTrack
+from guise.app.swapping.donors import anybody
 from guise.common.arrays import F64
 from guise.common.threads import one_thread
 
@@ -47,28 +49,37 @@ class TrackEnrolmentLimits:
 LIMITS = TrackEnrolmentLimits()
 
 
-def why_not(track: LinkedTrack) -> str:
+def why_not(case: Case, track: LinkedTrack) -> str:
     """Why a track's person cannot be enrolled, or ""."""
     if track.width < LIMITS.min_width_pixels:
         return f"the face is only {track.width:.0f} pixels wide"
-    if track.sure < LIMITS.min_frames:
+    if track.sure < min(LIMITS.min_frames, case.scan.frames):
         return f"the face is seen clearly in {track.sure} frames only"
     return ""
 
 
 def enrol(case: Case, track: LinkedTrack) -> Identity | str:
     """The model, or why there is none."""
-    reason = why_not(track)
+    reason = why_not(case, track)
     if reason:
         return reason
     frames, points = _confident_points(case, track)
     try:
+        if case.scan.frames == 1:
+            return _in_photo(case, track, points[0])
         choice = replace(choose_frames(points, TRAINING), held_out=np.empty(0, np.intp))  # no error is told
         observations = _observations(case, frames, points, choice)
         with one_thread():
             return train_identity(f"person {track.number}", observations, choice, options=TRAINING)
     except TrainingError as error:
         return str(error)
+
+
+def _in_photo(case: Case, track: LinkedTrack, points: F64) -> Identity:
+    """The model of somebody in a photo."""
+    with one_thread():
+        (picture,) = (rgb for _, rgb in _pictures(case, [0]))
+        return person_in_photo(picture, points, f"person {track.number}", anybody())
 
 
 def _confident_points(case: Case, track: LinkedTrack) -> tuple[NDArray[np.int32], F64]:
