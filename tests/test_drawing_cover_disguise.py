@@ -91,6 +91,18 @@ def test_where_no_part_of_the_person_may_show_only_objects_that_reach_in_stay_in
         assert left.min() < 0.1
 
 
+def test_what_lies_between_bars_is_skin_and_no_object(wary: Watch, monkeypatch: pytest.MonkeyPatch) -> None:
+    scale = 64 / wary.reference.resolution
+    parsing = fake_parsing(FaceClass.OCCLUDER, slice(0, 35), slice(25, 35))
+    monkeypatch.setattr(cover, "parse_frame", lambda *_: parsing)
+    shape = wary.reference.points * scale
+    plain = np.full((64, 64, 3), 150, np.uint8)
+    bars = plain.copy()
+    bars[:, np.arange(64) % 12 < 4] = 40
+    assert wary(bars, shape) is None
+    assert wary(plain, shape) is not None
+
+
 def test_where_no_part_of_the_person_may_show_hair_that_is_partly_taken_for_an_object_does_not(
     wary: Watch, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -295,7 +295,6 @@ def test_a_model_is_trained_without_the_library_of_the_box_detector(
     assert enrolling.train().facts["box_known"] is False
 
 
-
 def test_too_few_frames(enrolling: OnScreenEnrolment) -> None:
     feed(enrolling, clip("p01", 6))
     with pytest.raises(EnrolError) as caught:

@@ -16,7 +16,7 @@ import numpy as np
 
 from guise.aam.landmarks.detector import MIN_FACE_PIXELS, FaceDetector
 from guise.aam.landmarks.rolls import UPRIGHT, RolledBoxes, detect_at_rolls
-from guise.common.arrays import F32, U8
+from guise.common.arrays import F32, U8, Bool
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,10 @@ class GlanceLimits:
     kernel_pixels: int = 9  # by a square of this side
     judged_face_pixels: int = 40  # of a face in a filled picture in which it is judged
     margin_faces: float = 1.5  # about a face, what is filled with it
+    lines_levels: float = (
+        50.0  # of 255, by which closed and opened differ where lines are before something, and
+    )
+    lines_share: float = 0.3  # of a picture, from which it is behind a pattern
     min_score: float = 0.5  # of the detector
     score_weight: float = 3.0  # of its logit beside the landmarker's:
     min_sum: float = 4.0  # from which it may be a face,
@@ -79,6 +83,12 @@ def likeness_through(judge: LikenessJudge, rgb: U8, box: F32, turn: float) -> fl
     at = ((box - np.tile(low, 2) + 0.5) * factor - 0.5).astype(np.float32)
     views = [judge.likeness(filled(part, factor, fill), at, turn) for fill in range(len(_FILLS))]
     return max(judge.likeness(rgb, box, turn), *views)
+
+
+def behind_lines(image: U8, longest_pixels: int) -> tuple[Bool, list[U8]]:
+    """(h, w) where lines, or what is between them, are seen in a picture made small, and it with both filled."""
+    views = [filled(image, min(1.0, longest_pixels / max(image.shape)), fill) for fill in (CLOSED, OPENED)]
+    return cv2.absdiff(*views).max(2) >= LIMITS.lines_levels, views
 
 
 def is_face(score: float, likeness: float) -> bool:

@@ -14,14 +14,13 @@ import numpy as np
 
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.glances import (
-    CLOSED,
     CYCLE,
-    OPENED,
     Glancer,
-    filled,
+    behind_lines,
     is_surely_face,
     likeness_through,
 )
+from guise.aam.landmarks.glances import LIMITS as GLANCES
 from guise.aam.landmarks.rolls import RolledBoxes
 from guise.common.arrays import F64, U8
 
@@ -32,8 +31,6 @@ class DoubtLimits:
 
     min_score: float = 0.7  # of a box that is not surely a face's
     skin_sides: tuple[int, int] = (160, 80)  # pixels, longer sides of pictures in which skin is looked for
-    min_levels: float = 50.0  # of 255, by which closed and opened differ where something is before the skin
-    min_share: float = 0.3  # of the picture, that so much is before, and
     min_skin_share: float = 0.012  # in one piece, that is skin
     skin_red: tuple[int, int] = (136, 180)  # Cr and
     skin_blue: tuple[int, int] = (77, 127)  # Cb of skin, and
@@ -81,9 +78,8 @@ class DoubtSearch:
 def _has_skin_behind(rgb: U8) -> bool:
     """Whether skin is seen between what stands before it."""
     for side in LIMITS.skin_sides:
-        views = [filled(rgb, min(1.0, side / max(rgb.shape)), fill) for fill in (CLOSED, OPENED)]
-        is_behind = cv2.absdiff(*views).max(2) >= LIMITS.min_levels
-        if is_behind.mean() < LIMITS.min_share:
+        is_behind, views = behind_lines(rgb, side)
+        if is_behind.mean() < GLANCES.lines_share:
             continue
         for view in views:
             ycc = cv2.cvtColor(view, cv2.COLOR_RGB2YCrCb).astype(np.int16)

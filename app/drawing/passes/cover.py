@@ -6,8 +6,8 @@ in front, or nothing in front moves, and the eyes rest, only some frames are par
 face.
 
 Where no part of the person may show, only objects stay in front, and only those that reach in from beyond the face, as
-hands and mugs do: a patch within it that is taken for an object may be skin.  A lock of hair, which is easily taken for
-an object or for background, is told by its colour: that of the rest of the hair.
+hands and mugs do: a patch within it that is taken for an object may be skin, and between bars or wires all may be.  A
+lock of hair, which is easily taken for an object or for background, is told by its colour: that of all the hair.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ import numpy as np
 
 from guise.aam.coarse_grid import CoarseGrid
 from guise.aam.glasses import STILL, GlassesOnHead
+from guise.aam.landmarks.glances import LIMITS as GLANCES
+from guise.aam.landmarks.glances import behind_lines
 from guise.aam.landmarks.schemes import (
     BROW_TOPS,
     BROWS,
@@ -47,7 +49,7 @@ from guise.app.drawing.face import (
 )
 from guise.app.drawing.memory import CoverMemory, Memory
 from guise.app.media import Frame
-from guise.common.arrays import F32, Bool
+from guise.common.arrays import F32, F64, Bool
 from guise.common.decay import Decay
 from guise.common.small import mean
 from guise.common.tuned import tuned
@@ -197,6 +199,8 @@ class Cover:
         since = memory.clock.now - kept.parsed_at
         if self._only_objects:
             hidden, is_moving = cells.reaching_in(*layers[1:])
+            if is_moving and _is_behind_lines(face.frame, face.head):
+                hidden = 0 * hidden
         else:
             thing, worn = cells.in_front(*layers)
             is_moving = cells.is_object(thing) and cells.have_moved(thing, kept.thing)
@@ -369,6 +373,16 @@ def _steady(kept: CoverMemory, worn: F32, since: float) -> F32:
         worn = worn + np.float32(LIMITS.memory.over(since)) * (kept.worn - worn)
     kept.worn = worn
     return worn
+
+
+def _is_behind_lines(frame: Frame, head: F64) -> bool:
+    """Whether bars, wires or letters are before a head (81, 2): what is between them is easily taken for an object."""
+    x, y, w, h = frame.align_roi(*head.min(0), *head.max(0))
+    if not w or not h:
+        return False
+    return bool(
+        behind_lines(frame.rgb_roi(x, y, w, h), GLANCES.judged_face_pixels)[0].mean() >= GLANCES.lines_share
+    )
 
 
 def _have_moved(eyes: list[F32], before: list[F32]) -> bool:
