@@ -1,6 +1,5 @@
 """Face-box detectors: hits on the sample clips, options, bad models."""
 
-import sys
 from pathlib import Path
 
 import cv2
@@ -39,13 +38,6 @@ def hits(detector: BoxDetector, image: np.ndarray, points: np.ndarray) -> bool:
 def test_lbp_finds_the_faces_of_the_sample_clips(clip: str) -> None:
     detector = LbpDetector()
     assert np.mean([hits(detector, *frame) for frame in sampled(clip, 20)]) >= 0.95
-
-
-def test_without_its_library_lbp_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "skimage.data", None)
-    with pytest.raises(LandmarkError) as error:
-        open_detector("lbp")
-    assert str(error.value) == 'the detector lbp needs scikit-image: pip install "guise-video[lbp]"'
 
 
 @needs_yunet

@@ -1,6 +1,5 @@
 """Enrolment in front of the camera: what is said, when the ring moves, what is kept, and how good the model is."""
 
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
@@ -283,16 +282,6 @@ def test_what_is_done_stays_done(landmarker: Landmarker) -> None:
     assert [frame is before for frame, before in zip(enrolling._album.frames(), kept, strict=True)] == [
         True
     ] * len(kept)
-
-
-@pytest.mark.slow
-def test_a_model_is_trained_without_the_library_of_the_box_detector(
-    landmarker: Landmarker, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "skimage.data", None)
-    enrolling = OnScreenEnrolment("Anna", 0.5, landmarker, SMALL)
-    feed(enrolling, clip("p01", 30))
-    assert enrolling.train().facts["box_known"] is False
 
 
 def test_too_few_frames(enrolling: OnScreenEnrolment) -> None:

@@ -227,10 +227,8 @@ class CenterfaceDetector:
 
 
 def _lbp_cascade() -> cv2.CascadeClassifier:
-    try:
-        from skimage.data import lbp_frontal_face_cascade_filename
-    except ImportError as error:
-        raise LandmarkError('the detector lbp needs scikit-image: pip install "guise-video[lbp]"') from error
+    from skimage.data import lbp_frontal_face_cascade_filename
+
     name: str = lbp_frontal_face_cascade_filename()  # type: ignore[no-untyped-call]
     text = Path(name).read_text(encoding="utf-8")
     text = text.replace(_SHIPPED_TAG, _CORRECT_TAG)

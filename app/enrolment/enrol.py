@@ -24,7 +24,7 @@ from guise.aam.landmarks import (
     open_landmarker,
 )
 from guise.aam.landmarks.builtin import BuiltinLandmarker
-from guise.aam.landmarks.face import LandmarkError, NoFaceError
+from guise.aam.landmarks.face import NoFaceError
 from guise.aam.landmarks.schemes import NOSE_TIP
 from guise.aam.model import Identity
 from guise.aam.parsing import FaceParser
@@ -256,7 +256,7 @@ def _observe(
     frame, wanted = ReferenceFrame.canonical(options.resolution), {int(i) for i in choice.all}
     trained_on = set(choice.training.tolist())
     boxed = {int(i) for i in choice.training[:: max(1, len(choice.training) // BOX_FRAMES)]}
-    detector, parser, boxes = box_detector(), FaceParser(), []
+    detector, parser, boxes = LbpDetector(), FaceParser(), []
     observations: dict[int, Observation] = {}
     base = 0
     for clip, points in zip(clips, shapes, strict=True):
@@ -275,7 +275,7 @@ def _observe(
                     if not isinstance(seen, Failed):
                         observations[index] = seen
                         progress("frames", len(observations) / len(wanted))
-                if detector is not None and index in boxed:
+                if index in boxed:
                     boxes.append(box_relation(detector.detect(picture.luma), points[picture.index]))
         if count != len(points):
             raise EnrolError(
@@ -284,14 +284,6 @@ def _observe(
             )
         base += len(points)
     return observations, [b for b in boxes if b is not None]
-
-
-def box_detector() -> LbpDetector | None:
-    """The detector with whose boxes a model's landmarks are compared; None where its library is not installed."""
-    try:
-        return LbpDetector()
-    except LandmarkError:
-        return None
 
 
 def box_relation(boxes: F32, shape: F64) -> F64 | None:

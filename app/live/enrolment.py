@@ -13,7 +13,7 @@ from threading import Event
 import numpy as np
 
 from guise.aam.appearance import neutral_frames
-from guise.aam.landmarks import Face, FaceTracker, Landmarker, open_landmarker
+from guise.aam.landmarks import Face, FaceTracker, Landmarker, LbpDetector, open_landmarker
 from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
 from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
@@ -21,7 +21,7 @@ from guise.aam.similarity import Failed
 from guise.aam.tracker import FEATURE_RESOLUTION
 from guise.aam.training import LIMITS as TRAINING_LIMITS
 from guise.aam.training import Choice, Observation, TrainingOptions, choose_frames
-from guise.app.enrolment.enrol import EnrolError, box_detector, box_relation, train
+from guise.app.enrolment.enrol import EnrolError, box_relation, train
 from guise.app.live.keyframes import FrameFeatures, KeyframeAlbum
 from guise.app.media import Frame
 from guise.common.arrays import F64, U8
@@ -310,8 +310,6 @@ def _choice(frames: Sequence[Observation], options: TrainingOptions) -> Choice:
 
 def _boxes(frames: Sequence[Observation]) -> list[F64]:
     """How the face lies in the detector's box, in the frames that have pictures."""
-    detector = box_detector()
-    if detector is None:
-        return []
+    detector = LbpDetector()
     boxes = [box_relation(detector.detect(f.picture), f.shape) for f in frames if f.picture is not None]
     return [box for box in boxes if box is not None]

@@ -37,6 +37,7 @@ _PACKAGES = (
     "opencv-contrib-python-headless",
     "numpy",
     "scipy",
+    "scikit-image",
     "moderngl",
     "nicegui",
     "onnxruntime",
@@ -49,7 +50,6 @@ _EXTRAS = {
     "provenance": ("c2pa-python", "cryptography"),
     "plots": ("matplotlib",),
     "compressed": ("DracoPy", "meshoptimizer"),
-    "lbp": ("scikit-image",),
 }
 # What is for live pictures only -> the findings that it depends on.
 _LIVE = {"a window": ["window"], "a virtual camera": ["virtualcam", "loopback"], "your own picture": ["none"]}
@@ -168,7 +168,7 @@ def _faces() -> Iterator[Finding]:
         open_detector("lbp")
         yield Finding("faces", "lbp", True, "face boxes, by the cascade of scikit-image")
     except LandmarkError as error:
-        yield Finding("faces", "lbp", None, str(error))
+        yield Finding("faces", "lbp", False, str(error))
     for name in ("yunet", "centerface"):
         yield Finding(
             "faces", name, None, f"face boxes, by a model that you download: --detector {name}:MODEL.onnx"
