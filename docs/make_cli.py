@@ -21,6 +21,44 @@ from guise.common.version import VERSION
 
 PAGE = Path(__file__).with_name("cli.md")
 MANUAL = Path(__file__).with_name("guise.1")
+# What an option means in every command, where their helps say it in different words.
+MEANINGS = {
+    "--identity": "the face that is shown: `NAME.guise`, a photo, a name of `guise people list`, or a fictional one",
+    "--source": "the person in the video or at the camera: their model, or a name of `guise people list`",
+    "--map": "both, for each of several people",
+    "--output": "what is written, or where it goes",
+    "--cover": "how a face is covered that is not swapped",
+    "--unsure": "what becomes of a face that may be visible and cannot be swapped",
+    "--landmarks": "points of faces or heads that are read instead of found",
+    "--outside": "what lies outside `--from` and `--to`: keep it, or cut it off",
+    "--crf": "constant rate factor: lower is better and larger",
+    "--frames": "how many frames are used: to train on, or to measure",
+    "--fps": "frames per second: asked of a camera, or of a written animation",
+    "--method": "how an expression is transferred; the default is the best, the others are what it is compared with",
+    "--picture": "a picture that is also drawn, of what the command found or made",
+    "--resume": "continue where an earlier run stopped",
+}
+# Values and defaults that differ: in which command, and why.
+DIFFERENCES = {
+    "--identity": (
+        "`auto` in `deidentify`, which chooses; the fictional faces in `live`; the person's own in `bench`; none in "
+        "`swap`, `puppet` and `measure`, which only you can know"
+    ),
+    "--alpha": "0.3 in `deidentify`, 0.6 elsewhere: more brings traces of the hidden person's moustache or glasses",
+    "--cover": (
+        "solid in `deidentify`, mosaic in `live`: solid leaves nothing of a face; a mosaic disturbs calls less. Emoji "
+        "and images are for files"
+    ),
+    "--eyes": "donor in `live`, source in `swap`: the person's gaze in files; live not their irises unasked",
+    "--crf": "20 in `live`: a camera has no file whose fineness could be kept",
+    "--outside": "cut in `deidentify`, keep elsewhere: what was not worked on shows its faces",
+    "--unsure": "no hold in `live`: a face that stands still there would be taken for the person",
+    "--output": "each command writes its own kind of file; what has no default is required",
+    "--landmarks": "two files in `analogy mesh`, one for each head",
+    "--frames": "about 120 to train on, 150 to measure",
+    "--fps": "30 of a camera; an animation keeps its own",
+    "--method": "photos and heads are compared with different papers",
+}
 INTRODUCTION = """# Commands
 
 Generated from the commands by docs/make_cli.py; `guise COMMAND --help` shows the same.
@@ -30,27 +68,13 @@ Every command takes `--quiet`, which prints errors only, and `--json`, which pri
 are in [conventions.md](conventions.md).
 Any option can stand in a file, `guise.toml`, also as a preset with a name: [presets.md](presets.md).
 
-An option means the same in every command:
+An option means the same in every command that has it:
 
-| option | meaning |
-|---|---|
-| `--identity FACE` | the face that is shown: `NAME.guise`, a name of `guise people list`, or a fictional one, as Mei |
-| `--source SRC` | the person in the video or at the camera: their model, or a name of `guise people list` |
-| `--input`, or the first argument | what is read: a file, a folder, a stream |
-| `--map SOURCE=FACE` | both, for each of several people |
-| `--look`, `--eyes`, `--mouth`, `--glasses`, `--alpha`, `--outline` | how the face is drawn |
-| `--cover` | how a face is covered that is not swapped |
-| `--landmarks`, `--landmarker`, `--detector` | where points and boxes of faces come from |
-| `--encoder`, `--crf`, `--encoder-preset`, `--lossless` | how a video is written |
+{meanings}
 
-So are the defaults, but for these:
+So are its values and its default, but for these:
 
-| option | default | why |
-|---|---|---|
-| `--alpha` | 0.3 in `deidentify`, 0.6 elsewhere | more brings traces of the hidden person's moustache or glasses |
-| `--cover` | solid in `deidentify`, mosaic in `live` | solid leaves nothing of a face; a mosaic disturbs calls less |
-| `--eyes` | donor in `live`, source in `swap` | the person's gaze in files; live not their irises unasked |
-| `--crf` | 20 in `live` | a camera has no file whose fineness could be kept |
+{differences}
 
 Former names of options work until version 0.3, with a note: see the [changelog](../CHANGELOG.md).
 """
@@ -91,7 +115,51 @@ def page() -> str:
     """The whole page."""
     every = dict(commands(whole()))
     sections = [section(name, command) for name, command in every.items()]
-    return "\n".join([INTRODUCTION, overview(every), *sections])
+    head = INTRODUCTION.format(
+        meanings=two_columns("option", "meaning", MEANINGS),
+        differences=two_columns("option", "what differs", DIFFERENCES),
+    )
+    return "\n".join([head, overview(every), *sections])
+
+
+def two_columns(left: str, right: str, rows: dict[str, str]) -> str:
+    """A table of options."""
+    return "\n".join([f"| {left} | {right} |", "|---|---|", *(f"| `{k}` | {v} |" for k, v in rows.items())])
+
+
+def disagreements() -> list[str]:
+    """What differs between commands and is explained nowhere: an option's help, values, default, or two names for one.
+
+    Options that no command shares have nothing to agree with.
+    """
+    helps: dict[str, set[str]] = {}
+    rest: dict[str, set[tuple[str, str]]] = {}
+    for command in dict(commands(whole())).values():
+        hints = get_type_hints(command.callback)
+        for param in command.params:
+            if (name := param.opts[0]).startswith("--") and name != "--help":
+                helps.setdefault(name, set()).add(param.help)
+                values = "" if is_flag(param, hints) else value(param, hints)
+                rest.setdefault(name, set()).add((values, default(param)))
+    names: dict[str, set[str]] = {}
+    for name, texts in helps.items():
+        for text in texts:
+            names.setdefault(text, set()).add(name)
+    return [
+        *(
+            f"{name}: two meanings"
+            for name, texts in helps.items()
+            if len(texts) > 1 and name not in MEANINGS
+        ),
+        *(
+            f"{name}: two defaults"
+            for name, kinds in rest.items()
+            if len(kinds) > 1 and name not in DIFFERENCES
+        ),
+        *(f"{' and '.join(sorted(same))}: one meaning" for same in names.values() if len(same) > 1),
+        *(f"{name}: nothing to explain" for name in MEANINGS if len(helps.get(name, ())) < 2),
+        *(f"{name}: no difference" for name in DIFFERENCES if len(rest.get(name, ())) < 2),
+    ]
 
 
 def overview(every: dict[str, Any]) -> str:

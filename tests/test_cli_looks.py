@@ -50,17 +50,17 @@ def test_info_takes_the_names_of_fictional_people(capsys: pytest.CaptureFixture[
     assert mei["path"].endswith("p03.guise")
     assert main(["info", "Bob"]) == 2
     assert capsys.readouterr().err.startswith(
-        "error: there is no face Bob: give NAME.guise, or one of Luca, "
+        "error: there is no face Bob: give NAME.guise, a photo, or one of Luca, "
     )
 
 
 def test_the_montage_is_drawn_and_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     output = tmp_path / "modes.png"
-    assert main(["info", str(model_file("p01")), "--montage", str(output), "-q"]) == 0
+    assert main(["info", str(model_file("p01")), "--picture", str(output), "-q"]) == 0
     picture = cv2.imread(str(output))
     assert min(picture.shape[:2]) > 400
     assert picture.std() > 20
-    assert main(["info", str(model_file("p01")), "--montage", str(output), "-q"]) == 2
+    assert main(["info", str(model_file("p01")), "--picture", str(output), "-q"]) == 2
     assert capsys.readouterr().err == (
         f"error: {output} exists: use --force to replace it, or choose another name\n"
     )

@@ -144,6 +144,21 @@ def test_the_page_of_commands_is_up_to_date() -> None:
     assert (ROOT / "docs" / "guise.1").read_text(encoding="utf-8") == make_cli.manual()
 
 
+def test_an_option_means_the_same_in_every_command_or_it_is_explained() -> None:
+    assert script("make_cli").disagreements() == []
+
+
+def test_what_is_not_explained_is_found() -> None:
+    make_cli = script("make_cli")
+    del make_cli.MEANINGS["--cover"], make_cli.DIFFERENCES["--alpha"]
+    make_cli.DIFFERENCES["--force"] = "it is not so"
+    assert make_cli.disagreements() == [
+        "--cover: two meanings",
+        "--alpha: two defaults",
+        "--force: no difference",
+    ]
+
+
 def test_the_manual_has_every_command_and_no_line_that_troff_would_take_for_its_own() -> None:
     text = (ROOT / "docs" / "guise.1").read_text(encoding="utf-8")
     assert re.findall(r'^\.SS "guise (.*)"$', text, re.M) == list(every_command())

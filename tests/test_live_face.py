@@ -210,7 +210,7 @@ def test_somebody_else_alone_is_never_shown(face: LiveFaces, talk: list[U8]) -> 
 
 
 def test_off_covers_who_is_there_and_all_when_nobody_is(face: LiveFaces, talk: list[U8], truth: F64) -> None:
-    play, off = Player(face), replace(SOLID, mode="off", uncovered=True)
+    play, off = Player(face), replace(SOLID, mode="off", unsure="leave")
     for number, picture in enumerate(talk[:3]):
         result, changed, after = play(picture, off)
         assert (result.outcome, result.mesh, result.covered) == ("off", None, 1)
@@ -222,8 +222,8 @@ def test_off_covers_who_is_there_and_all_when_nobody_is(face: LiveFaces, talk: l
     assert changed.mean() > 0.99
 
 
-def test_uncovered_shows_what_cannot_be_swapped_and_nothing_else(face: LiveFaces, talk: list[U8]) -> None:
-    play, bare = Player(face), replace(SOLID, uncovered=True)
+def test_unsure_leave_shows_what_cannot_be_swapped_and_nothing_else(face: LiveFaces, talk: list[U8]) -> None:
+    play, bare = Player(face), replace(SOLID, unsure="leave")
     assert play(talk[0], bare)[0].outcome == "swapped"
     result, changed, _ = play(empty(0), bare)
     assert result.outcome == "shown"

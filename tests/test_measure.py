@@ -184,7 +184,14 @@ def test_the_command_writes_json_and_plot(
 ) -> None:
     pytest.importorskip("matplotlib")
     monkeypatch.setenv("COLUMNS", "160")
-    arguments = ["--recogniser", folder / "card.toml", "--gallery", folder / "gallery", "--identity", "p03"]
+    arguments = [
+        "--recogniser",
+        folder / "card.toml",
+        "--distractors",
+        folder / "gallery",
+        "--identity",
+        "p03",
+    ]
     arguments += ["-o", tmp_path / "out.json", "--plot", tmp_path / "out.png"]
     code = main(["measure", *map(str, [folder / "original.mp4", folder / "covered.mp4", *arguments])])
     said = capsys.readouterr()
@@ -248,12 +255,12 @@ def test_a_video_without_a_face_is_refused(tmp_path: Path, capsys: pytest.Captur
     ("options", "expected"),
     [
         (["--recogniser", "none.toml"], "recogniser card expected at none.toml, got no such file"),
-        (["--gallery", "gallery"], "give one with --recogniser"),
+        (["--distractors", "gallery"], "give one with --recogniser"),
         (["--identity", "p03"], "give one with --recogniser"),
-        (["--report", "none.json"], "report expected at none.json, got no such file"),
-        (["--report", "card.toml"], "card.toml must be a report that `guise deidentify` wrote"),
-        (["--recogniser", "card.toml", "--gallery", "card.toml"], "a gallery must be a folder"),
-        (["--recogniser", "card.toml", "--gallery", "nobody"], "no face found in the gallery nobody"),
+        (["--output-report", "none.json"], "report expected at none.json, got no such file"),
+        (["--output-report", "card.toml"], "card.toml must be a report that `guise deidentify` wrote"),
+        (["--recogniser", "card.toml", "--distractors", "card.toml"], "a gallery must be a folder"),
+        (["--recogniser", "card.toml", "--distractors", "nobody"], "no face found in the gallery nobody"),
         (["--recogniser", "card.toml", "--identity", "p99"], "there is no face p99"),
         (["--landmarker", "magic"], "landmarker must be one of"),
         (["--plot", "out.jpg"], "a plot must be a .png file, got out.jpg"),

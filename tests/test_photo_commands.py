@@ -121,7 +121,7 @@ def mouth(pixels: np.ndarray, points: np.ndarray) -> np.ndarray:
 def test_image_puts_the_expression_on_the_face_and_leaves_the_rest(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, out, _ = run(capsys, *IMAGE, "--montage", "row.png", "--json")
+    code, out, _ = run(capsys, *IMAGE, "--picture", "row.png", "--json")
     assert code == 0
     report = json.loads(out)
     assert (report["width"], report["height"], report["bits"]) == (WIDTH, HEIGHT, 8)
@@ -149,7 +149,7 @@ def test_without_files_the_landmarks_are_found(here: Path, capsys: pytest.Captur
 
 @pytest.mark.slow
 def test_methods_and_strengths_differ(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    options = {"a": (), "b": ("--method", "ratio"), "c": ("--method", "warp"), "d": ("--mouth", "none")}
+    options = {"a": (), "b": ("--method", "ratio"), "c": ("--method", "warp"), "d": ("--open-mouth", "none")}
     for name, more in {**options, "zero": ("--strength", "0")}.items():
         assert run(capsys, *IMAGE[:-1], f"{name}.png", *more)[0] == 0
     made = [read_deep(Path(f"{name}.png")).pixels.astype(int) for name in options]
@@ -271,7 +271,7 @@ def test_of_two_faces_the_larger_one_is_taken(here: Path, capsys: pytest.Capture
             "o.mp4 must be a picture: name it .png, .jpg, .heic, .avif, .tif or .webp",
         ),
         (
-            ["s.png", "s1.png", "t.png", "-o", "o.png", "--montage", "o.png"],
+            ["s.png", "s1.png", "t.png", "-o", "o.png", "--picture", "o.png"],
             "o.png would be overwritten, two outputs have that name: ",
         ),
         (

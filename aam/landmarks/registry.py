@@ -49,8 +49,8 @@ def detector_usages() -> list[str]:
     return [usage for usage, _ in _DETECTORS.values()]
 
 
-def open_landmarker(spec: str) -> Landmarker:
-    """The landmarker that a text names.
+def open_landmarker(spec: str | None) -> Landmarker:
+    """The landmarker that a text names; None is the built-in one.
 
     Examples
     --------
@@ -58,6 +58,7 @@ def open_landmarker(spec: str) -> Landmarker:
     Traceback (most recent call last):
     guise.aam.landmarks.face.LandmarkError: landmarker must be one of builtin[@DETECTOR], ...
     """
+    spec = spec or "builtin"
     own, _, detector_spec = spec.partition("@") if "@" not in spec else _split_detector(spec)
     name, _, argument = own.partition(":")
     if own.endswith(".toml") and name not in _LANDMARKERS:

@@ -14,5 +14,5 @@ analogy = typer.Typer(
 )
 analogy.callback(invoke_without_command=True)(help_without_command)
 analogy.add_typer(mesh, name="mesh")
-analogy.command()(image)
+analogy.command(cls=Command)(image)
 analogy.command(cls=Command)(animate)

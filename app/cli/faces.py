@@ -10,7 +10,7 @@ import typer
 
 from guise.app.cli.console import Stages
 from guise.app.cli.options import (
-    BoxDetectorSpec,
+    DetectorSpec,
     EncodeChoices,
     Force,
     FormatChoice,
@@ -123,7 +123,7 @@ def info(
             metavar="FACE", help=f"A model that `guise enroll` made, or another face: {FACE_HELP}."
         ),
     ],
-    montage: Annotated[
+    picture: Annotated[
         Path | None,
         typer.Option(metavar="OUT.png", help="Also draw the mean, the neutral face and the modes at +-2 sd."),
     ] = None,
@@ -135,19 +135,19 @@ def info(
     from guise.app.swapping.donors import face_file
     from guise.common.files import require_free
 
-    if montage is not None:
-        require_free(montage, force=force)
+    if picture is not None:
+        require_free(picture, force=force)
     with face_file(model) as path:
         identity, facts = describe(path)
-    if montage is not None:
+    if picture is not None:
         from guise.app.media.pictures import save_picture
-        from guise.app.people.montage import montage as draw
+        from guise.app.people.montage import montage
 
-        save_picture(montage, draw(identity))
+        save_picture(picture, montage(identity))
     console.table(model, facts.as_rows())
-    if montage is not None:
-        console.say(f"montage: {montage}")
-    console.result(asdict(facts) | {"montage": montage and str(montage)})
+    if picture is not None:
+        console.say(f"picture: {picture}")
+    console.result(asdict(facts) | {"montage": picture and str(picture)})
 
 
 @takes
@@ -158,7 +158,7 @@ def landmarks(
     overlay: Overlay = None,
     format: FormatChoice = None,
     landmarker: LandmarkerSpec = None,
-    detector: BoxDetectorSpec = None,
+    detector: DetectorSpec = None,
     min_confidence: MinConfidence = 0.5,
     no_smooth: NoSmooth = False,
     encoding: Annotated[EncodeChoices, Part(EncodeChoices, ("encoder", "crf"))],

@@ -55,14 +55,22 @@ FORMER: Mapping[str, Mapping[str, FormerName]] = {
         "--person": FormerName("--source"),
         "--enrol": FormerName("--enroll", flag=True),
         "--headless": FormerName("", flag=True),
+        "--uncovered": FormerName("--unsure leave", flag=True),
     },
     "deidentify": {
         **_ENCODER_PRESET,
         "--donor": FormerName("--identity"),
         "--donors": FormerName("--identity"),
+        "--detector": FormerName("--audit-detector"),
     },
-    "measure": {"--donor": FormerName("--identity")},
-    "animate": {**_ENCODER_PRESET, "--model": FormerName("--source")},
+    "measure": {
+        "--donor": FormerName("--identity"),
+        "--gallery": FormerName("--distractors"),
+        "--report": FormerName("--output-report"),
+    },
+    "info": {"--montage": FormerName("--picture")},
+    "image": {"--montage": FormerName("--picture"), "--mouth": FormerName("--open-mouth")},
+    "animate": {**_ENCODER_PRESET, "--model": FormerName("--source"), "--mouth": FormerName("--open-mouth")},
 }
 # By command, the ways to draw that were two options, each with the values that it took.
 WITH_LOOK = ("swap", "puppet", "live")
@@ -93,7 +101,7 @@ def _renewed(command: str, args: list[str]) -> tuple[list[str], list[str]]:
         if name in LOOKS and command in WITH_LOOK:
             looks[name] = value
         elif entry is not None and (entry.when is None or entry.when(value)):
-            renewed += [entry.now] * bool(entry.now) if entry.flag else [entry.now, value]
+            renewed += entry.now.split() if entry.flag else [entry.now, value]
             now = f"is now {entry.now}" if entry.now else "is no longer needed"
             notes[f"{name} {now}; {UNTIL}"] = None
         else:

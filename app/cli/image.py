@@ -37,7 +37,7 @@ def image(
     landmarks_s1: LandmarksS1 = None,
     landmarks_t: LandmarksT = None,
     options: Options,
-    montage: Annotated[
+    picture: Annotated[
         Path | None, typer.Option(metavar="OUT.png", help="Also draw S, S1, T and the result in a row.")
     ] = None,
     console: Shown,
@@ -47,7 +47,7 @@ def image(
 
     report = analogy_image(
         source, expressive, target, output, options,
-        landmarks={"s": landmarks_s, "s1": landmarks_s1, "t": landmarks_t}, montage=montage, say=console.note,
+        landmarks={"s": landmarks_s, "s1": landmarks_s1, "t": landmarks_t}, montage=picture, say=console.note,
     )  # fmt: skip
     console.say(str(report))
     console.result(report.as_json())

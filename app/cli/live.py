@@ -38,7 +38,7 @@ Cast = Annotated[
         help="For up to four people at once: a person's model and the face that they get; others are covered.",
     ),
 ]
-Size = Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Requested of the camera.")]
+Size = Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Size of picture to ask the camera for.")]
 Mirror = Annotated[
     bool | None, typer.Option("--mirror/--no-mirror", help="Mirror the window; default: with a camera.")
 ]

@@ -53,7 +53,7 @@ def measure(
         require_free(path, force=force)
     if attack:
         _refuse_beside_attack(
-            gallery=options.gallery, identity=options.identities, report=options.reports,
+            distractors=options.gallery, identity=options.identities, output_report=options.reports,
             landmarks=options.landmarks, plot=plot,
         )  # fmt: skip
         _attack(console, original, outputs, options, output)
@@ -88,7 +88,9 @@ def _refuse_beside_attack(**others: object) -> None:
     """Refuse options that an attack does not know."""
     given = [name for name, value in others.items() if value]
     if given:
-        raise typer.BadParameter(f"--attack does not take --{given[0]}: leave one of them out")
+        raise typer.BadParameter(
+            f"--attack does not take --{given[0].replace('_', '-')}: leave one of them out"
+        )
 
 
 def _attack(

@@ -14,7 +14,7 @@ import typer
 
 from guise.app.cli.console import Console
 from guise.app.cli.presets import PRESET, notes_on_files
-from guise.app.swapping import FACE_HELP
+from guise.app.swapping import FACE_HELP, LANDMARKER_HELP
 from guise.common.option import Option, option, options_of
 
 if TYPE_CHECKING:
@@ -123,14 +123,7 @@ LandmarkFile = Annotated[
         help="Landmarks of VIDEO for enrollment; default: the file beside it, or detected.",
     ),
 ]
-LandmarkerSpec = Annotated[
-    str | None,
-    typer.Option(
-        "--landmarker",
-        metavar="SPEC",
-        help="Landmarker: builtin (default) or CARD.toml[@DETECTOR].",
-    ),
-]
+LandmarkerSpec = Annotated[str | None, typer.Option("--landmarker", metavar="SPEC", help=LANDMARKER_HELP)]
 Rest = Annotated[
     float | None,
     typer.Option(
@@ -139,9 +132,6 @@ Rest = Annotated[
         metavar="SECONDS",
         help="A time in the first clip at which the face is at rest: mouth shut, brows down; default: a guess.",
     ),
-]
-Detector = Annotated[
-    str, typer.Option(metavar="builtin|lbp|yunet:PATH|centerface:PATH", help="Face detector.")
 ]
 UnsureOption = Annotated[
     Literal["cover", "hold", "leave"],
@@ -175,7 +165,7 @@ NoSmooth = Annotated[
     bool,
     typer.Option("--no-smooth", help="Write the points of a video as detected, without the temporal filter."),
 ]
-BoxDetectorSpec = Annotated[
+DetectorSpec = Annotated[
     str | None,
     typer.Option(
         "--detector",

@@ -11,7 +11,7 @@ import typer
 from guise.app.cli.batches import Swap, summary, swap_each
 from guise.app.cli.console import Console, Stages
 from guise.app.cli.options import (
-    Detector,
+    DetectorSpec,
     Each,
     Encode,
     EncodeChoices,
@@ -76,7 +76,7 @@ def swap(
     outside: OutsideChoice = "keep",
     pipe: PipeFormat = "nut",
     raw: RawVideo = None,
-    detector: Detector = "builtin",
+    detector: DetectorSpec = None,
     unsure: UnsureOption = "cover",
     hwaccel: HardwareDecoding = "none",
     encoding: Encode,
@@ -88,7 +88,7 @@ def swap(
     from guise.app.drawing.look import SWAP
     from guise.app.media.time_range import TimeRange
 
-    for_one = (source, landmarks, landmarker, rest is not None, detector != "builtin")
+    for_one = (source, landmarks, landmarker, rest is not None, detector)
     casting = _casting(identity, map, others, for_one, unsure)
     alone = _is_alone(videos, each=each)
     if landmarks is not None and not alone:
@@ -200,7 +200,7 @@ def puppet(
     outside: OutsideChoice = "keep",
     pipe: PipeFormat = "nut",
     raw: RawVideo = None,
-    detector: Detector = "builtin",
+    detector: DetectorSpec = None,
     encoding: Encode,
     no_keep: NoKeep = False,
     force: Force = False,
@@ -222,12 +222,17 @@ def puppet(
 
 
 def _settings(
-    console: Console, stages: Stages, look: Look, encoding: EncodeChoices, detector: str, force: bool
+    console: Console, stages: Stages, look: Look, encoding: EncodeChoices, detector: str | None, force: bool
 ) -> SwapSettings:
     from guise.app.swapping.report import SwapSettings
 
     return SwapSettings(
-        look, encoding.options(), detector=detector, force=force, progress=stages, say=console.note
+        look,
+        encoding.options(),
+        detector=detector or "builtin",
+        force=force,
+        progress=stages,
+        say=console.note,
     )
 
 

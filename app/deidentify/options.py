@@ -93,6 +93,7 @@ class DeidentifyOptions:
     detector: str | None = option(
         None,
         "Face detector of the audit; default: the built-in one.",
+        name="--audit-detector",
         metavar="lbp|yunet:PATH|centerface:PATH",
     )
     region: Region = option(

@@ -105,7 +105,7 @@ class LiveFaces(Closing):
         meshes = self._drawn(frame, settings)  # while the detector runs
         self._see(frame)
         confidence = max(slot.confidence for slot in self._slots)
-        if settings.uncovered and settings.mode == "swap" and is_alone and not meshes:
+        if settings.unsure == "leave" and settings.mode == "swap" and is_alone and not meshes:
             return FaceResult("shown", None, confidence)
         return self._covered(frame, settings, meshes, confidence)
 

@@ -39,7 +39,9 @@ class LiveSettings:
     readout: bool = option(False, "Show frame rate, latency and dropped frames in the window.")
     help: bool = False
     style: Literal["solid", "mosaic", "blur"] = option("mosaic", "How a face is covered.", name="--cover")
-    uncovered: bool = option(False, "Show the real face where it cannot be swapped.")
+    unsure: Literal["cover", "leave"] = option(
+        "cover", "A face that cannot be swapped: cover it, or leave the picture as it is."
+    )
 
 
 def _encoding() -> EncodeOptions:
@@ -87,7 +89,7 @@ class LiveOptions:
         metavar="window|studio|virtualcam|OUT.mp4",
     )
     size: tuple[int, int] = (1280, 720)
-    fps: float = option(30.0, "Requested of the camera.", least=1, most=240)
+    fps: float = option(30.0, "Frames per second to ask the camera for.", least=1, most=240)
     loop: bool = option(False, "Repeat the file.")
     enrol: bool = option(False, "Make a new model of the person in the picture.", name="--enroll")
     settings: LiveSettings = field(default_factory=LiveSettings)

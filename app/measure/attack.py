@@ -50,7 +50,7 @@ class AttackRequest:
     originals: Path
     outputs: Sequence[Path]
     recognisers: Sequence[Path] = ()
-    landmarker: str = "builtin"
+    landmarker: str | None = None
 
 
 @dataclass(frozen=True)

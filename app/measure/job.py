@@ -98,7 +98,7 @@ class _Measurement:
         self._recogniser = Recogniser(options.recognisers[0]) if options.recognisers else None
         if self._recogniser is None and (options.gallery or options.identities):
             raise MeasureError(
-                "--gallery and --identity are compared by a face recogniser: give one with --recogniser"
+                "--distractors and --identity are compared by a face recogniser: give one with --recogniser"
             )
         self._landmarker = open_landmarker(options.landmarker)
         self._reports = _reports(options.reports, outputs)
@@ -163,7 +163,7 @@ class _Measurement:
         )
         if gallery.limit is None:
             self._say(
-                "there is no false-accept rate without at least two other people: give them with --gallery"
+                "there is no false-accept rate without at least two other people: give them with --distractors"
             )
         elif not gallery.limit.enough:
             self._say(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from guise.app.swapping import FACE_HELP
+from guise.app.swapping import FACE_HELP, LANDMARKER_HELP
 from guise.common.option import option
 
 
@@ -13,7 +13,7 @@ from guise.common.option import option
 class MeasureOptions:
     """What outputs are measured with, beside their original.
 
-    landmarker : see `guise.aam.landmarks.open_landmarker`.
+    landmarker : see `guise.aam.landmarks.open_landmarker`; None for the built-in one.
     """
 
     recognisers: tuple[Path, ...] = option(
@@ -23,7 +23,10 @@ class MeasureOptions:
         metavar="CARD.toml",
     )
     gallery: Path | None = option(
-        None, "Other people: a picture, a video or a folder of them for each.", metavar="DIR"
+        None,
+        "Other people: a picture, a video or a folder of them for each.",
+        name="--distractors",
+        metavar="DIR",
     )
     identities: tuple[str, ...] = option(
         (),
@@ -34,7 +37,7 @@ class MeasureOptions:
     reports: tuple[Path, ...] = option(
         (),
         "The report of an output by `guise deidentify`: what was done with each face.",
-        name="--report",
+        name="--output-report",
         metavar="NAME.report.json",
     )
     landmarks: Path | None = option(
@@ -42,4 +45,4 @@ class MeasureOptions:
         "Landmarks of ORIGINAL (.npz, .json, .pts); default: found by the landmarker.",
         metavar="FILE",
     )
-    landmarker: str = option("builtin", "Landmarker: builtin or CARD.toml[@DETECTOR].", metavar="SPEC")
+    landmarker: str | None = option(None, LANDMARKER_HELP, metavar="SPEC")

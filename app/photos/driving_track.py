@@ -49,7 +49,7 @@ class TrackingOptions:
     """
 
     source: str | None = None
-    landmarker: str = "builtin"
+    landmarker: str | None = None
     landmarks: Path | None = None
 
 

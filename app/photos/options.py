@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from guise.app.swapping import LANDMARKER_HELP
 from guise.common.option import option
 
 
@@ -12,7 +13,7 @@ from guise.common.option import option
 class AnalogyOptions:
     """How an expression is transferred.
 
-    landmarker : see `guise.aam.landmarks.open_landmarker`.
+    landmarker : see `guise.aam.landmarks.open_landmarker`; None for the built-in one.
     """
 
     method: Literal["tents", "ratio", "warp"] = option(
@@ -20,8 +21,10 @@ class AnalogyOptions:
         "Vertex tents on the luminance, or the methods they are compared with: ratio images, geometry only.",
     )
     mouth: Literal["fill", "none"] = option(
-        "fill", "What an opening mouth shows: teeth and tongue of S1, or the stretched lips of T."
+        "fill",
+        "What an opening mouth shows: teeth and tongue of S1, or the stretched lips of T.",
+        name="--open-mouth",
     )
     strength: float = option(1.0, "Strength of the expression; 1 leaves it as it is.", least=0.0, most=2.0)
-    landmarker: str = option("builtin", "Landmarker: builtin or CARD.toml[@DETECTOR].", metavar="SPEC")
+    landmarker: str | None = option(None, LANDMARKER_HELP, metavar="SPEC")
     force: bool = option(False, "Replace an existing output.")

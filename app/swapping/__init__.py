@@ -5,3 +5,4 @@ FACE_HELP = (
     "NAME.guise, a photo, a name of `guise people list`, or a fictional face: Luca, Amara, Mei, Walter, Kofi, Elena, "
     "Kenji, Asha, Omar"
 )
+LANDMARKER_HELP = "Landmarker: builtin (default) or CARD.toml[@DETECTOR]."
