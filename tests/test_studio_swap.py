@@ -7,9 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from clips import cut, empty_scene
+from made_up import SAMPLES
 from studio_browser import StudioServer, browser, hand_over, page, studio_server  # noqa: F401
 
 from guise.app.media import open_input
+from guise.app.media.images import read_deep
+from guise.app.media.pictures import save_picture
 
 LONG = 120_000  # milliseconds, on a busy machine
 pytestmark = [pytest.mark.filterwarnings("ignore:unclosed"), pytest.mark.slow]
@@ -49,6 +52,28 @@ def test_a_video_is_previewed_swapped_and_downloaded(
     desk.get_by_role("alertdialog").get_by_role("button", name="Delete").click()
     desk.get_by_role("button", name="Try a sample clip").wait_for()
     assert list((studio_server.folder / "jobs").iterdir()) == []
+
+
+def test_a_photo_gets_the_face_of_another_photo(desk: Any, tmp_path: Path) -> None:
+    for person in ("p01", "p06"):
+        with open_input(SAMPLES / person / "talk.mp4") as media:
+            save_picture(tmp_path / f"{person}.png", next(iter(media)).rgb())
+    hand_over(desk, "drop", tmp_path / "p01.png", "image/png")
+    desk.get_by_text("drawn in").wait_for(timeout=LONG)
+    hand_over(desk, "paste", tmp_path / "p06.png", "image/png")
+    desk.get_by_role("alertdialog").get_by_role("button", name="Yes, or it is me").click()
+    face = desk.get_by_role("group", name="Face of person 1").get_by_role("button", name="p06")
+    face.wait_for()
+    assert face.get_attribute("aria-pressed") == "true"
+    desk.get_by_role("button", name="Swap the photo").click()
+    with desk.expect_download() as waiting:
+        desk.get_by_role("link", name="Download photo").click(timeout=LONG)
+    before, after = (
+        read_deep(path).rgb8().astype(int) for path in (tmp_path / "p01.png", Path(waiting.value.path()))
+    )
+    changed = np.abs(after - before).max(2) > 30
+    assert 0.005 < changed.mean() < 0.2  # the face, and nothing else
+    assert not changed[:40].any()
 
 
 def test_nobody_to_swap_is_one_sentence(desk: Any, tmp_path: Path) -> None:

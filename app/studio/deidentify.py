@@ -19,7 +19,7 @@ from guise.app.studio.deidentify_editor import ACTIONS, COVERS, REGIONS, SOUNDS,
 from guise.app.studio.deidentify_jobs import REPORTS, DeidentifyChoices, download_name, render, review
 from guise.app.studio.site import Studio, choice_row, heading, page, script
 from guise.app.studio.store import JobRow, Upload
-from guise.app.studio.uploads import CONFIDENTIAL
+from guise.app.studio.uploads import CONFIDENTIAL, CONFIDENTIAL_PHOTO, shown
 from guise.app.studio.videos import (
     VideoList,
     VideoPage,
@@ -38,10 +38,11 @@ WORK = VideoWork(
     PATH,
     "deidentify-review",
     "deidentify-render",
-    "Every face in a video is replaced by another person's, keeping the expression, or is covered. You review what was "
-    f"found before anything is changed. Everything stays on this computer. {reach_of_both()}",
+    "Every face gets another person's face with the same expression, or is covered. You review what was found before "
+    f"anything is changed. Everything stays on this computer. {reach_of_both()}",
     "Find faces",
-    "You may leave this page and come back.",
+    "You can leave this page and come back.",
+    CONFIDENTIAL_PHOTO,
     CONFIDENTIAL,
 )
 TONES = {"good": "positive", "fair": "warning", "bad": "negative"}
@@ -146,14 +147,17 @@ class _ReviewPage(VideoPage):
         banner(f"var(--q-{TONES[tone]})", headline, " ".join([job.result["sentence"], *doubts]))
         folder, output = self.studio.store.folder_of(job.id), job.about["output"]
         with ui.element("div").classes("desk"):
-            video = ui.video(self.studio.url(folder / output)).classes("full")
-            video.props('aria-label="The rendered video"')
+            shown(self.studio, folder / output, "The result").classes("full")
             with ui.column().classes("w-full"):
                 _counts(job.result["counts"])
                 ui.label(_chosen(DeidentifyChoices(**job.about["choices"]))).classes("opacity-70")
                 for problem in job.result["problems"]:
                     ui.label(problem)
-                words = {"video": output, "report (HTML)": REPORTS[0], "report (JSON)": REPORTS[1]}
+                words = {
+                    "photo" if self.is_photo else "video": output,
+                    "report (HTML)": REPORTS[0],
+                    "report (JSON)": REPORTS[1],
+                }
                 name = job.about["name"]
                 download_row(
                     self.studio,

@@ -26,8 +26,7 @@ from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
 from guise.app.deidentify.tracks import Track
 from guise.app.media.pictures import save_picture
-from guise.app.media.stream_copies import suffix_for
-from guise.app.studio.pictures import fitted_to, frames_until
+from guise.app.studio.pictures import fitted_to, frames_until, output_suffix
 from guise.app.studio.store import StudioError
 from guise.app.swapping.policy import Action
 from guise.common.arrays import U8
@@ -112,7 +111,7 @@ def review(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
     each track.
     """
     source = Path(about["source"])
-    output = folder / (STEM + suffix_for(source, DeidentifyOptions().encode.encoder))
+    output = folder / (STEM + output_suffix(source, DeidentifyOptions().encode.encoder))
     reviewed = about.get("reviewed")
     options = _take_over(Path(reviewed), output) if reviewed else DeidentifyOptions()
     with open_engine("local") as engine:

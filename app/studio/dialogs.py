@@ -7,15 +7,15 @@ from typing import Any
 from nicegui import ui
 
 
-async def confirm(question: str, yes: str, no: str) -> bool:
-    """Whether the user agrees; a dialog closed without an answer counts as no."""
+async def confirm(question: str, yes: str, no: str, colour: str = "negative") -> bool:
+    """Whether the user agrees; a dialog closed without an answer counts as no.   colour : of yes."""
     with ui.context.client.content:  # outside of what may be redrawn meanwhile, which would delete the dialog
         dialog = ui.dialog()
     with dialog, ui.card().props('role="alertdialog"'):
         ui.label(question)
         with ui.row().classes("w-full justify-end"):
             ui.button(no, color=None, on_click=lambda: dialog.submit(False)).props("flat autofocus")
-            ui.button(yes, on_click=lambda: dialog.submit(True)).props("color=negative")
+            ui.button(yes, on_click=lambda: dialog.submit(True)).props(f"color={colour}")
     return bool(await submitted(dialog))
 
 

@@ -9,7 +9,7 @@ from nicegui import ui
 from guise.app.studio.dialogs import confirm
 from guise.app.studio.site import Studio
 from guise.app.studio.store import CLIP, Upload
-from guise.app.studio.uploads import UploadKind, shown_moving, uploader
+from guise.app.studio.uploads import UploadKind, shown, uploader
 
 
 class FilePicker:
@@ -62,7 +62,7 @@ class FilePicker:
         with ui.row().classes("w-full gap-2"):
             for row in self.chosen:
                 if row.kind == CLIP:
-                    shown_moving(self._studio.url(row.path), row.path, f"The clip {row.name}").classes("h-32")
+                    shown(self._studio, row.path, f"The clip {row.name}").classes("h-32")
                 else:
                     classes = "h-20 w-20" if self._several else "h-40 w-full"
                     picture = ui.image(self._studio.url(row.preview)).props("fit=contain no-transition")

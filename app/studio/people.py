@@ -21,7 +21,7 @@ from guise.app.studio.live import FACE as LIVE_FACE
 from guise.app.studio.site import Studio, empty_state, heading, local_time, page, show_job
 from guise.app.studio.store import JobRow, Person, StudioError, Upload
 from guise.app.studio.swap import FACE as SWAP_FACE
-from guise.app.studio.uploads import CLIP, PHOTO, shown_moving, uploader
+from guise.app.studio.uploads import CLIP, PHOTO, shown, uploader
 from guise.app.swapping.donors import FIRST_NAMES, gallery, open_donor
 from guise.common.errors import GuiseError
 
@@ -172,9 +172,7 @@ class _PeoplePage:
         """What somebody can be learned from, and what the user says of it before."""
         photos, clip = self._waiting_photos(), self._next
         if clip is not None and clip.path.exists():
-            shown_moving(self.studio.url(clip.path), clip.path, f"The clip {clip.name}").classes(
-                "w-full rounded"
-            )
+            shown(self.studio, clip.path, f"The clip {clip.name}").classes("w-full rounded")
         elif not photos:
             return
         else:
@@ -304,7 +302,7 @@ class _PeoplePage:
     def _clip(self, clip: Upload) -> None:
         ui.label(clip.name).classes("text-bold break-all")
         ui.label(local_time(clip.created))
-        shown_moving(self.studio.url(clip.path), clip.path, f"The clip {clip.name}").classes("w-full")
+        shown(self.studio, clip.path, f"The clip {clip.name}").classes("w-full")
         with ui.row().classes("items-center"):
             learn = ui.button("Learn", on_click=partial(self._take, clip))
             learn.props["aria-label"] = f"Learn from the clip {clip.name}"

@@ -6,13 +6,23 @@ import base64
 from pathlib import Path
 
 from guise.app.media import Frame
+from guise.app.media.file_kind import kind_of
 from guise.app.media.image_writing import encode_image
 from guise.app.media.pictures import shrunk
 from guise.app.media.segments import Scan, read_frames
+from guise.app.media.stream_copies import suffix_for
 from guise.app.studio.store import StudioError
 from guise.common.arrays import U8
 
+SHOWN_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp"})  # of pictures, by every browser
 WARM_UP_FRAMES = 6  # before a previewed one
+
+
+def output_suffix(source: Path, encoder: str) -> str:
+    """The suffix of what is made of a video or photo; browsers show that of a photo."""
+    if kind_of(source) != "image":
+        return suffix_for(source, encoder)
+    return source.suffix if source.suffix.lower() in SHOWN_SUFFIXES else ".png"
 
 
 def fitted_to(rgb: U8, width: int) -> U8:

@@ -19,7 +19,7 @@ from starlette.responses import PlainTextResponse, Response
 from guise.app.people import kept
 from guise.app.studio.jobs import JobQueue
 from guise.app.studio.progress_row import ProgressRow
-from guise.app.studio.store import FOLDERS, JobRow, MissingError, Store, StudioError
+from guise.app.studio.store import FOLDERS, JobRow, MissingError, Store, StudioError, preview_of
 from guise.app.swapping.donors import FIRST_NAMES, gallery
 from guise.common.errors import GuiseError
 from guise.common.failures import explain
@@ -66,7 +66,9 @@ class Studio:
         return own | {id: f"{name} (fictional)" for id, name in FIRST_NAMES.items()}
 
     def portrait(self, face: str) -> str:
-        """Address of the portrait of one of `faces`."""
+        """Address of the portrait of one of `faces`, or of a photo."""
+        if (path := Path(face)).is_relative_to(self.store.folder / "jobs"):  # a photo, added for one video
+            return self.url(preview_of(path))
         return f"/gallery/{face}.png" if face in gallery() else f"/portraits/{Path(face).stem}.png"
 
 

@@ -20,10 +20,9 @@ from guise.aam.model import Identity
 from guise.app.media import EncodeOptions, open_input
 from guise.app.media.pictures import letterboxed, save_picture
 from guise.app.media.segments import Scan, scan
-from guise.app.media.stream_copies import suffix_for
 from guise.app.people.finding import find_people
 from guise.app.people.found import load_people, save_people
-from guise.app.studio.pictures import fitted_to, frames_until
+from guise.app.studio.pictures import fitted_to, frames_until, output_suffix
 from guise.app.studio.store import StudioError
 from guise.app.swapping.donors import open_face
 from guise.app.swapping.puppet import Puppet, puppet_file
@@ -64,6 +63,8 @@ def find(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, A
     with open_input(source) as media:
         found = find_people(media, lambda share: progress("finding people", share))
         if not found.people:
+            if media.kind == "image":
+                raise StudioError(f"nobody is seen in {about['name']}: use a photo that shows a face larger")
             raise StudioError(f"nobody is seen long enough in {about['name']}: use a longer or clearer video")
         write_json(folder / SCAN, scan(source).as_json())
         people = []
@@ -91,7 +92,7 @@ def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
     if not before.exists():
         raise StudioError(f"what was found in {about['name']} was deleted: choose the video again")
     settings = SwapSettings(encode=EncodeOptions(), progress=progress)
-    output = folder / (STEM + suffix_for(source, settings.encode.encoder))
+    output = folder / (STEM + output_suffix(source, settings.encode.encoder))
     choices, known = SwapChoices(**about["choices"]), known_video(before)
     report: SwapReport
     if choices.mode == "puppet":
@@ -115,7 +116,7 @@ def preview(source: Path, found: Path, choices: SwapChoices, frame: int, width: 
             for one in some:
                 puppet.swap(one)
         return before, letterboxed(some[-1].rgb(), before.shape[1], before.shape[0])
-    rate = float(1 / (np.median(np.diff(frames.pts)) * frames.time_base)) if frames.frames > 1 else 30.0
+    rate = float(1 / (np.median(np.diff(frames.pts)) * frames.time_base)) if frames.frames > 1 else 1.0
     draw_frame(source.name, some, choices.casting(), known_video(found), rate)
     return before, fitted_to(some[-1].rgb(), width)
 

@@ -16,9 +16,10 @@ from guise.app.media.file_kind import kind_of
 from guise.app.media.images import IMAGE_SUFFIXES, read_deep
 from guise.app.media.pictures import save_picture, shrunk
 from guise.app.studio import store
+from guise.app.studio.pictures import SHOWN_SUFFIXES
 from guise.app.studio.request_guard import too_large
 from guise.app.studio.site import Studio, show_error
-from guise.app.studio.store import StudioError, Upload
+from guise.app.studio.store import StudioError, Upload, preview_of
 from guise.common.errors import GuiseError
 from guise.common.failures import explain
 
@@ -89,6 +90,9 @@ PICTURE = UploadKind(
     _check_picture,
 )
 PHOTO = replace(PICTURE, name="photo", noun="a photo")  # of a person to be learned
+FACE_PHOTO = replace(PHOTO, name="face-photo")  # of a person whose face is shown in one video
+SWAP_PHOTO = replace(PHOTO, name="swap-photo")  # in which faces are swapped
+CONFIDENTIAL_PHOTO = replace(PHOTO, name="confidential-photo")
 MESH = UploadKind(
     "mesh", "a mesh", "", frozenset({".obj", ".ply", ".glb"}), "use an .obj, .ply or .glb.", _check_mesh
 )
@@ -120,15 +124,17 @@ async def read_upload(
     return row
 
 
-def shown_moving(url: str, path: Path, label: str) -> ui.element:
-    """A video, or an animated picture, which browsers show as a picture, with a label for screen readers."""
-    if path.suffix.lower() in FORMS:
-        picture = ui.image(url).props("fit=contain no-transition")
-        picture.props["alt"] = label
-        return picture
-    video = ui.video(url)
-    video.props["aria-label"] = label
-    return video
+def shown(studio: Studio, path: Path, label: str) -> ui.element:
+    """A video or a picture, which may move, with a label for screen readers."""
+    if path.suffix.lower() not in IMAGE_SUFFIXES | FORMS.keys():
+        video = ui.video(studio.url(path))
+        video.props["aria-label"] = label
+        return video
+    if path.suffix.lower() not in SHOWN_SUFFIXES | FORMS.keys():
+        path = preview_of(path)
+    picture = ui.element("img")
+    picture.props["src"], picture.props["alt"] = studio.url(path), label
+    return picture
 
 
 def uploader(

@@ -15,12 +15,13 @@ from typing import Any
 
 from nicegui import events, run, ui
 
+from guise.app.media.file_kind import kind_of
 from guise.app.studio.dialogs import confirm
 from guise.app.studio.pictures import data_url
 from guise.app.studio.site import Studio, empty_state, heading, local_time, show_job
 from guise.app.studio.store import CLIP, JobRow, MissingError, Upload
 from guise.app.studio.uploads import CLIP as CLIPS
-from guise.app.studio.uploads import UploadKind, shown_moving, uploader
+from guise.app.studio.uploads import UploadKind, shown, uploader
 from guise.common.arrays import U8
 from guise.common.errors import GuiseError
 from guise.common.failures import explain
@@ -28,7 +29,7 @@ from guise.common.files import write_whole
 from guise.common.samples import samples_folder
 
 PREVIEW_WIDTH_PIXELS = 1280
-DROP_HINT = "Drop videos here"
+DROP_HINT = "Drop videos or photos here, or paste a picture"
 SAMPLE, SAMPLE_FILE = "A sample clip", Path("p01", "talk2.mp4")
 _BAD = "var(--q-negative)"
 
@@ -45,7 +46,7 @@ class VideoWork:
     ----------
     path : of the page.   find, render : kinds of its jobs.
     intro : above the list.   begin : on the button that begins with a video.   finding : while it is looked through.
-    uploads : the kind of the videos that are uploaded there.
+    photos, uploads : the kinds of the photos and videos that are uploaded there.
     """
 
     path: str
@@ -54,7 +55,13 @@ class VideoWork:
     intro: str
     begin: str
     finding: str
+    photos: UploadKind
     uploads: UploadKind = CLIPS
+
+    @property
+    def own(self) -> list[UploadKind]:
+        """Kinds of uploads that are on no other page."""
+        return [kind for kind in (self.photos, self.uploads) if kind is not CLIPS]
 
 
 def sample_clip(studio: Studio) -> Upload:
@@ -105,7 +112,7 @@ def delete_unused(studio: Studio, work: VideoWork) -> None:
         if job.kind == work.find and job.state == "cancelled":
             studio.store.remove_job(job.id)
     used = {Path(job.about["source"]).name for job in found_videos(studio, work)}
-    for upload in studio.store.uploads(work.uploads.name) if work.uploads is not CLIPS else ():
+    for upload in (upload for kind in work.own for upload in studio.store.uploads(kind.name)):
         if upload.path.name not in used:
             studio.store.remove_upload(upload.id)
 
@@ -140,7 +147,12 @@ class VideoList:
         with ui.element("div").classes("desk"):
             with ui.column().classes("w-full"):
                 field = uploader(
-                    studio, "Choose files", self._uploaded, (work.uploads,), several=True, hint=DROP_HINT
+                    studio,
+                    "Choose files",
+                    self._uploaded,
+                    (work.uploads, work.photos),
+                    several=True,
+                    hint=DROP_HINT,
                 )
                 field.on("added", self._count, js_handler="(files) => emit(files.length)")
                 self._clips()
@@ -177,9 +189,9 @@ class VideoList:
         delete_unused(self._studio, self._work)
         jobs = found_videos(self._studio, self._work)
         if not jobs:
-            empty_state("movie", "No videos yet", "What you begin is listed here, with its progress.")
+            empty_state("movie", "Nothing yet", "Videos and photos are listed here, with their progress.")
             return
-        heading("Videos").classes(remove="mt-4")
+        heading("Videos and photos").classes(remove="mt-4")
         with ui.list().props("bordered separator role=group").classes("w-full"):
             for job in jobs:
                 self._entry(job)
@@ -225,6 +237,7 @@ class VideoPage:
         self.job = studio.store.job(id)
         if self.job.kind != self.work.find:
             raise MissingError("this video no longer exists: go back to all videos")
+        self.is_photo = kind_of(Path(self.job.about["source"])) == "image"
 
     def choices(self) -> None:
         """Let the user choose."""
@@ -237,7 +250,7 @@ class VideoPage:
     def build(self) -> None:
         """The whole page."""
         with ui.row().classes("w-full items-center mb-2"):
-            ui.link("All videos", self.work.path)
+            ui.link("All videos and photos", self.work.path)
             title(self.job.about["name"]).classes("grow break-all")
             ui.button("Delete", icon="delete", color=None, on_click=self._delete).props("flat")
         self._content()
@@ -255,7 +268,7 @@ class VideoPage:
             show_job(self.studio, job.id, lambda _: self._content.refresh())
             source = Path(job.about["source"])
             if source.is_relative_to(self.studio.store.folder):  # not that of a review on the command line
-                shown_moving(self.studio.url(source), source, "The video").classes("full")
+                shown(self.studio, source, "The file").classes("full")
         elif job.state == "done":
             self.results()
             self.choices()
@@ -288,13 +301,13 @@ class VideoPage:
     async def _delete(self) -> None:
         store, source = self.studio.store, Path(self.job.about["source"]).name
         is_clip, is_upload = (
-            source in {one.path.name for one in store.uploads(kind.name)}
-            for kind in (CLIPS, self.work.uploads)
+            source in {one.path.name for kind in kinds for one in store.uploads(kind.name)}
+            for kinds in ([CLIPS], self.work.own)
         )
-        video = "The video itself is kept, on the page People." if is_clip else "The video itself is kept."
-        if is_upload and not is_clip:
-            video = "The uploaded video is deleted, too. This cannot be undone."
-        question = f"Delete what was found in this video and all its renderings? {video}"
+        kept = "The video itself is kept, on the page People." if is_clip else "The file itself is kept."
+        if is_upload:
+            kept = "The uploaded file is deleted, too. This cannot be undone."
+        question = f"Delete what was found in it and all its renderings? {kept}"
         if await confirm(question, "Delete", "Keep"):
             delete(self.studio, self.work, self.job.id)
             ui.navigate.to(self.work.path)
@@ -339,7 +352,8 @@ class FrameComparison:
                 js_handler=f"(v) => {{ getHtmlElement({self._after.id}).style.clipPath = `inset(0 0 0 ${{v}}%)`; "
                 f"getHtmlElement({border.id}).style.left = `${{v}}%`; }}",
             )
-        with ui.row().classes("w-full items-center no-wrap"):
+        with ui.row().classes("w-full items-center no-wrap") as frames:
+            frames.set_visibility(last > 0)
             ui.label("Frame").classes("w-32 shrink-0")
             self._frame = ui.slider(min=0, max=last, value=first).props('label aria-label="Frame"')
             self._frame.on("change", self.update)
@@ -371,7 +385,7 @@ class FrameComparison:
             if drawn is None:  # the studio is closing
                 return
             self._show(*drawn)
-            self._said.text = f"Frame {self.frame}, drawn in {time.perf_counter() - began:.1f} s."
+            self._said.text = f"Drawn in {time.perf_counter() - began:.1f} s."
 
     def _show(self, before: U8, after: U8) -> None:
         """Show a frame, as large as the window allows."""
