@@ -234,3 +234,20 @@ def test_every_extra_is_hinted_at_somewhere() -> None:
     told = " ".join(page.read_text(encoding="utf-8") for page in PAGES)
     extras = set(project["optional-dependencies"]) - {"dev", "train"}
     assert [extra for extra in sorted(extras) if f"[{extra}]" not in told] == []
+
+
+def long_sentences(text: str) -> list[str]:
+    """Sentences of 30 words or more, outside of code, tables and headings."""
+    text = re.sub(r"^```.*?^```", "", text, flags=re.M | re.S)
+    paragraphs = [" ".join(part.split()) for part in re.split(r"\n\s*\n|\n(?=[-*] |\d+\. )", text)]
+    prose = [re.sub(r"\]\([^)]*\)", "]", one) for one in paragraphs if one[:1] not in ("|", "#", "!")]
+    found = [s for one in prose for s in re.split(r"(?<=[.!?])\s+|(?<=[:;])\s+(?=[A-Z*`\[])", one)]
+    return [s for s in found if len(s.split()) >= 30]
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/install.md", "docs/presets.md", "docs/deidentify.md"])
+def test_sentences_of_the_first_pages_are_short(page: str) -> None:
+    assert long_sentences((ROOT / page).read_text(encoding="utf-8")) == []
+    assert (
+        len(long_sentences(f"# One\n\n{'word ' * 30}.\n\n```sh\n{'word ' * 40}\n```\n\n- Two. Three.")) == 1
+    )
