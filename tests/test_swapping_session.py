@@ -6,6 +6,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from guise.aam.landmarks.glances import Glancer
+from guise.aam.landmarks.rolls import RolledBoxes
 from guise.aam.landmarks.schemes import IBUG68, mean_geometry
 from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
@@ -122,6 +124,20 @@ def test_what_nobody_detects_stays_covered_for_a_while_and_is_then_left(detector
     assert areas[most:] == [None] * 3
     sums = [area.sum() for area in areas[:most] if area is not None]
     assert sums[-1] > sums[0]
+
+
+def test_a_lost_face_is_seen_at_a_glance_where_no_detector_finds_it(
+    detector: Detector, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    box, score, turn = (np.array(v, np.float32) for v in ([[75, 60, 105, 95]], [0.6], [0]))
+    seen = RolledBoxes(box, score, turn)
+    monkeypatch.setattr(Glancer, "likely", lambda self, judge, image, number: seen)
+    cover = Follower(detector)
+    cover.seen(MESH)
+    for _ in range(round(LIMITS.unseen_seconds * FPS) + 3):  # what nobody sees is left by then
+        where = cover.changed()
+    assert where is not None
+    assert where[62:93, 78:102].mean() > 0.9
 
 
 def test_the_cover_follows_the_face(detector: Detector) -> None:

@@ -72,6 +72,13 @@ class Glancer:
             found = found.and_others(detect_at_rolls(self._detector, small, quarter_turns).scaled(1 / factor))
         return found.distinct()
 
+    def likely(self, judge: LikenessJudge, image: U8, number: int) -> RolledBoxes:
+        """What may be an upright face, as a judge says, too."""
+        seen = self.faces(image, number)
+        rows = zip(seen.boxes, seen.scores.tolist(), seen.turns.tolist(), strict=True)
+        kept = [is_face(score, likeness_through(judge, image, box, turn)) for box, score, turn in rows]
+        return seen[np.array(kept, bool)]
+
 
 def likeness_through(judge: LikenessJudge, rgb: U8, box: F32, turn: float) -> float:
     """How much a box looks like a face, filled or as it is: the largest logit."""

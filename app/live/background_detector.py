@@ -19,7 +19,7 @@ import numpy as np
 from guise.aam.landmarks import Face
 from guise.aam.landmarks.builtin import BuiltinLandmarker, distinct
 from guise.aam.landmarks.detector import FaceDetector
-from guise.aam.landmarks.glances import Glancer, is_face, likeness_through
+from guise.aam.landmarks.glances import Glancer
 from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.rolls import TURNED, UPRIGHT, RolledBoxes, detect_at_rolls, nearest_quarter
 from guise.app.media import Frame
@@ -122,12 +122,7 @@ class BackgroundDetector(Closing):
         if is_sure and rest:
             return RolledBoxes.none()
         number = number if is_sure else self._count
-        seen = self._glancer.faces(picture, number)
-        kept = [
-            is_face(score, likeness_through(self._landmarker, picture, box, turn))
-            for box, score, turn in zip(seen.boxes, seen.scores.tolist(), seen.turns.tolist(), strict=True)
-        ]
-        return seen[np.array(kept, bool)]
+        return self._glancer.likely(self._landmarker, picture, number)
 
     def _detected(self, picture: U8) -> RolledBoxes:
         upright = detect_at_rolls(self._detector, picture, UPRIGHT)

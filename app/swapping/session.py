@@ -12,7 +12,9 @@ from typing import Generic, Literal, Protocol, TypeVar
 
 import numpy as np
 
+from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.detector import FaceDetector
+from guise.aam.landmarks.glances import Glancer
 from guise.aam.landmarks.rolls import RolledBoxes, ScoredDetector, detect_on_schedule
 from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
@@ -79,6 +81,21 @@ D = TypeVar("D", bound=Drawer)
 F = TypeVar("F", bound=Follower)
 
 
+class LostFaceSearch:
+    """Searches frames for faces, at a glance as well where none is sure: they may be behind bars or letters."""
+
+    def __init__(self, detector: ScoredDetector) -> None:
+        self._detector, self._glancer, self._landmarker = detector, Glancer(), BuiltinLandmarker()
+
+    def look(self, frame: Frame) -> RolledBoxes:
+        """The faces in a frame, each once."""
+        rgb = frame.quick_rgb()
+        found = detect_on_schedule(self._detector, rgb, frame.index, LIMITS.sure_score)
+        if not (found.scores >= LIMITS.sure_score).any():
+            found = found.and_others(self._glancer.likely(self._landmarker, rgb, frame.index))
+        return found.distinct()
+
+
 class SwapSession(Closing, Generic[D]):
     """Draws faces on people's heads and covers others, in frames in the order of time; use it by `with`, in one thread.
 
@@ -96,6 +113,7 @@ class SwapSession(Closing, Generic[D]):
         detector: ScoredDetector | None = None,
     ) -> None:
         self._open_engine, self._style, self._detector = open_engine, style, detector
+        self._lost: LostFaceSearch | None = None
         self._engines: dict[int, D] = {}
         self._followed: dict[int, FollowedFace] = {}
         self.renderer = ""  # of the faces that were drawn
@@ -181,11 +199,9 @@ class SwapSession(Closing, Generic[D]):
 
     def _search(self, frame: Frame, face: FollowedFace) -> None:
         """Look for a lost face where it was, or for the largest clear one before it was seen at all."""
-        if self._detector is None:
-            self._detector = FaceDetector(min_score=LIMITS.min_box_score)
-        found = detect_on_schedule(
-            self._detector, frame.quick_rgb(), frame.index, LIMITS.sure_score
-        ).distinct()
+        if self._lost is None:
+            self._lost = LostFaceSearch(self._detector or FaceDetector(min_score=LIMITS.min_box_score))
+        found = self._lost.look(frame)
         if face.was_seen:
             face.look_for(frame.seconds, FacePlace.detected(found))
         else:
