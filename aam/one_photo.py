@@ -1,4 +1,4 @@
-"""A person's model from one photo: what the photo shows, and how a face like it moves.
+"""A person's model from one photo, or a few: what they show, and how a face like it moves.
 
 A photo shows one expression.  The prior of solid shapes tells the points of the face at rest; what the expression does
 to the skin is that of other people, in the photo's tone, and is taken out of its texture.  What no photo shows is
@@ -7,19 +7,30 @@ guessed: teeth and tongue, the face with lids shut, and turned views.  Pixels, x
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
-from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel, Components, appearance_vectors
+from guise.aam.appearance import (
+    SHAPE_ENTRIES,
+    AppearanceModel,
+    Components,
+    appearance_vectors,
+    sample_texture,
+)
 from guise.aam.brows import BrowLift
+from guise.aam.light import equalised_light
 from guise.aam.mask import learn_mask, skin_mask
 from guise.aam.model import KNOWN_REST, Identity, RestFrame
 from guise.aam.parsing import FaceParser
 from guise.aam.reference import ReferenceFrame
 from guise.aam.similarity import Failed
 from guise.aam.solid_shape import SolidPrior
-from guise.aam.training import TrainingError, detailed, observe, parsed_face, with_what_faced
+from guise.aam.tracker import FEATURE_RESOLUTION, cut
+from guise.aam.tracker_training import TrackerOptions, bent, train_tracker
+from guise.aam.training import TrainingError, detailed, feature_mask, observe, parsed_face, with_what_faced
 from guise.aam.view_textures import changing
 from guise.aam.views import Views
 from guise.common.arrays import F32, F64, U8
@@ -27,6 +38,10 @@ from guise.common.arrays import F32, F64, U8
 # Grid pixels by which points are off from what the movements of other people explain.  With it the change of texture
 # that is expected of 20 people's smiles has the size of the one that is seen.
 MOVEMENT_NOISE = 3.8
+# A tracker is trained on so many bent pictures, in which what is so near to a landmark moves with it.
+BENT_PICTURES = 31
+BENT_REACH_FACE_WIDTHS = 0.05
+OPTIONS = TrackerOptions()
 
 
 def person_in_photo(rgb: U8, points: F64, name: str, like: Identity) -> Identity:
@@ -71,11 +86,52 @@ def toned(like: Identity, texture: F32) -> Components:
     )
     basis = components.basis * components.deviations
     basis[SHAPE_ENTRIES:].reshape(-1, 3, components.modes)[:] *= np.exp(own - theirs)[:, None]
-    values, turned = np.linalg.eigh((basis.T @ basis).astype(np.float64))
-    deviations = np.sqrt(values[::-1]).astype(np.float32)
-    return replace(
-        components, basis=basis @ turned[:, ::-1].astype(np.float32) / deviations, deviations=deviations
+    return _orthonormal(basis, components.mean)
+
+
+def _orthonormal(columns: F32, mean: F32) -> Components:
+    """Components about a mean (n,), whose covariance is that of columns (n, k), largest first."""
+    values, turned = np.linalg.eigh((columns.T @ columns).astype(np.float64))
+    kept = np.flatnonzero(values > 1e-6 * values[-1])[::-1]
+    deviations = np.sqrt(values[kept]).astype(np.float32)
+    return Components(
+        mean, columns @ turned[:, kept].astype(np.float32) / deviations, deviations, float(values.sum())
     )
+
+
+def with_photos(person: Identity, others: Sequence[tuple[U8, F64]]) -> Identity:
+    """Somebody who also moves as other pictures (h, w, 3) with landmarks (81, 2) show, in their light evened out."""
+    if not others:
+        return person
+    reference, model = person.reference, person.appearance
+    textures = np.stack([model.neutral_texture, *(sample_texture(*one, reference) for one in others)])
+    textures = equalised_light(textures, skin_mask(reference)[reference.mask], reference)[1:]
+    vectors = appearance_vectors(np.stack([shape for _, shape in others]), textures, reference)
+    scaled = model.components.basis * model.components.deviations
+    columns = np.concatenate([scaled, (vectors - model.neutral).T / np.sqrt(len(vectors))], axis=1)
+    components = _orthonormal(columns, model.neutral)
+    return replace(person, appearance=replace(model, components=components))
+
+
+def tracked(person: Identity, options: TrackerOptions = OPTIONS) -> Identity:
+    """Somebody with a tracker, trained on their picture at rest, bent as faces move."""
+    feature_frame, rest = ReferenceFrame.canonical(FEATURE_RESOLUTION), person.rest_frame
+    crop = cut(
+        np.asarray(cv2.cvtColor(rest.picture, cv2.COLOR_RGB2GRAY), np.uint8), rest.shape, feature_frame
+    )
+    if isinstance(crop, Failed):
+        raise TrainingError(f"{person.name} cannot be learned from this photo: {crop.reason}")
+    components = person.appearance.components
+    modes = (components.basis * components.deviations)[:SHAPE_ENTRIES] / person.reference.shape_weight
+    linear, shape = person.reference.to_shape(rest.shape).linear, crop.to_crop(rest.shape)
+    crops, shapes = [crop], [rest.shape]
+    for amounts in np.random.default_rng(options.seed).normal(size=(BENT_PICTURES, components.modes)):
+        moved = rest.shape + (modes @ amounts).reshape(-1, 2) @ linear
+        image = bent(crop.image, shape, crop.to_crop(moved), feature_frame, BENT_REACH_FACE_WIDTHS)
+        crops.append(replace(crop, image=image))
+        shapes.append(moved)
+    tracker = train_tracker(crops, shapes, face=feature_mask(person.appearance.mask), options=options)
+    return replace(person, tracker=tracker, facts=person.facts | {"held_out_error": tracker.quality.error})
 
 
 def _movement(components: Components, moved: F32, reference: ReferenceFrame) -> F32:

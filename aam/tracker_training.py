@@ -216,9 +216,13 @@ def turn_head(image: U8, shape: F64, reference: ReferenceFrame, degrees: float) 
     The reference frame's yaw mode moves the landmarks; the picture follows by a smooth field (a Gaussian mean of their
     displacements), which is good enough for turns of up to about 20 degrees.
     """
-    fit = reference.to_shape(shape)
-    moved = shape + degrees * reference.yaw_mode @ fit.linear
-    step, reach = 6, 0.12 * fit.scale * reference.resolution
+    moved = shape + degrees * reference.yaw_mode @ reference.to_shape(shape).linear
+    return bent(image, shape, moved, reference, 0.12), moved
+
+
+def bent(image: U8, shape: F64, moved: F64, reference: ReferenceFrame, reach_face_widths: float) -> U8:
+    """A picture (h, w) whose face's landmarks (81, 2) are moved, and what is near them with them, smoothly."""
+    step, reach = 6, reach_face_widths * reference.to_shape(shape).scale * reference.resolution
     h, w = image.shape
     ys, xs = np.mgrid[0 : h + step : step, 0 : w + step : step].astype(np.float64)
     places = np.stack([xs, ys], axis=-1)
@@ -234,8 +238,7 @@ def turn_head(image: U8, shape: F64, reference: ReferenceFrame, degrees: float) 
     )[:h, :w]
     grid = np.mgrid[:h, :w].astype(np.float32)
     x, y = grid[1] + coarse[..., 0], grid[0] + coarse[..., 1]
-    bent = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(bent, np.uint8), moved
+    return np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
 
 
 def _shape_components(

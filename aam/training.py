@@ -274,7 +274,7 @@ def train_identity(
     tracker = train_tracker(
         [o.crop for o in training],
         [o.shape for o in training],
-        face=_feature_mask(mask),
+        face=feature_mask(mask),
         box_to_shape=box_to_shape,
         options=options.tracker,
         progress=lambda share: progress(0.2 + 0.75 * share),
@@ -417,7 +417,7 @@ def without_hair(texture: F32, mask: Bool, reference: ReferenceFrame) -> F32:
     return np.asarray((share * picture + (1 - share) * skin)[reference.mask], np.float32)
 
 
-def _feature_mask(mask: Bool) -> Bool:
+def feature_mask(mask: Bool) -> Bool:
     """Which pixels of the tracker's feature grid show the face."""
     reference = ReferenceFrame.canonical(FEATURE_RESOLUTION)
     small = cv2.resize(mask.astype(np.float32), reference.size[::-1], interpolation=cv2.INTER_AREA)

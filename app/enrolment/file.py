@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from guise.aam.model import Identity
 from guise.aam.training import TrainingOptions
 from guise.aam.views import Views
 from guise.app.enrolment.enrol import enrol
@@ -72,11 +73,17 @@ def enrol_file(
     require_free(output, force=force)
     start = time.perf_counter()
     identity = enrol(clips, landmarks, name=name, person=person, options=options, progress=progress, say=say)
-    identity.facts.update({"guise": VERSION, **(facts or {})})
+    identity.facts.update(facts or {})
+    return saved(identity, output, start)
+
+
+def saved(identity: Identity, output: Path, start: float) -> EnrolReport:
+    """Write a person's model, and tell what it holds.   start : when the work began, of `time.perf_counter`."""
+    identity.facts["guise"] = VERSION
     size = identity.save(output)
     components, known = identity.appearance.components, identity.facts
     return EnrolReport(
-        str(output), name, tuple(known["clips"]), int(known["frames"]), components.modes, round(components.retained, 4),
-        round(100 * float(known["held_out_error"]), 3), Views(**known["views"]), identity.reference.resolution, size,
+        str(output), identity.name, tuple(known["clips"]), int(known["frames"]), components.modes,
+        round(components.retained, 4), round(100 * float(known["held_out_error"]), 3), Views(**known["views"]), identity.reference.resolution, size,
         round(time.perf_counter() - start, 2), tuple(known.get("weaknesses", ())),
     )  # fmt: skip

@@ -113,7 +113,7 @@ def _of_shapes(seen: F64, resolution: int) -> list[str]:
             "the face is never at rest, so what it looks like then is guessed: look into the camera for a second, the "
             "mouth shut"
         )
-    if wide < LIMITS.min_open_gap:
+    if len(seen) >= LIMITS.least_frames and wide < LIMITS.min_open_gap:
         told.append("the mouth never opens, so what is behind the lips is guessed: say a few sentences")
     if width < LIMITS.min_width_share * resolution:
         told.append(f"the face is only {width:.0f} pixels wide and will look soft: come closer to the camera")

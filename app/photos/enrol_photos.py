@@ -1,28 +1,31 @@
-"""A person's model from one photo, or a few.
+"""A person's model from one photo, or a few, in a file.
 
-The first photo is animated by the expressions of a sample clip (`guise.app.photos.animate`), and the model is learned
-from that virtual clip as from any other, with the other photos as further frames.  What no photo shows is guessed:
-teeth and tongue, the face with lids shut, and turned views.
+The first photo is the face at rest (`guise.aam.one_photo`); how the person moves is that of other people, and what the
+other photos show.  What no photo shows is guessed: teeth and tongue, the face with lids shut, and turned views.
 """
 
 from __future__ import annotations
 
-import tempfile
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
+from guise.aam.one_photo import person_in_photo, tracked, with_photos
 from guise.aam.training import TrainingOptions
-from guise.app.enrolment.enrol import EnrolError
-from guise.app.enrolment.file import EnrolReport, enrol_file
-from guise.app.enrolment.landmark_source import LandmarkSource, landmark_file
-from guise.app.media import EncodeOptions
+from guise.aam.views import Views
+from guise.app.enrolment.file import EnrolReport, saved
+from guise.app.enrolment.photo import largest_face, srgb
+from guise.app.enrolment.quality import weaknesses
 from guise.app.media.file_kind import is_picture
+from guise.app.media.images import read_deep
+from guise.app.swapping.donors import anybody
 from guise.common.files import require_free
 from guise.common.progress import Progress, Say, mute, silent
-from guise.common.samples import samples_folder
+from guise.common.threads import one_thread
 
-DRIVER = Path("p01", "talk.mp4")  # of the sample clips, whose expressions are taken
-MAX_PHOTOS = 9  # more are learned as they are, without a virtual clip
+MAX_PHOTOS = 9  # more are learned as a clip
 
 
 def are_photos(files: Sequence[Path]) -> bool:
@@ -39,6 +42,7 @@ def enrol_photos(
     Parameters
     ----------
     photos : of one person, the first at rest and from the front.
+    options : of which the resolution and the tracker's count.
     progress : called with the stage and the share of it that is done.   say : called with notes for the user.
 
     Raises
@@ -47,30 +51,25 @@ def enrol_photos(
         For a user's mistake, such as a photo without a face; no output is then left behind.
     """
     require_free(output, force=force)
-    number = "one photo" if len(photos) == 1 else f"{len(photos)} photos"
+    start, number = time.perf_counter(), "one photo" if len(photos) == 1 else f"{len(photos)} photos"
     say(
         f"learned from {number}: teeth, shut lids and turned views are guessed, a clip of 10 seconds is better; use it "
         "only if the person agrees"
     )
-    driver = samples_folder() / DRIVER
-    facts = {"made_from": number, "clips": [photo.name for photo in photos]}
-    with tempfile.TemporaryDirectory(prefix="guise-") as folder:
-        clip = Path(folder) / "virtual.mp4"
-        _animate(driver, photos[0], clip, progress)
-        return enrol_file(
-            [clip, *photos[1:]], output, LandmarkSource(), name=name, options=options, force=force, facts=facts,
-            progress=progress, say=lambda text: say(text.replace(clip.name, photos[0].name)),
-        )  # fmt: skip
-
-
-def _animate(driver: Path, photo: Path, clip: Path, progress: Progress) -> None:
-    from guise.analogy.photo import PhotoError  # half a second, which clips don't need
-    from guise.app.photos.animate import animate_file
-    from guise.app.photos.driving_track import TrackingOptions
-
-    tracking = TrackingOptions(landmarks=landmark_file(driver))
-    encode = EncodeOptions(crf=8, preset="ultrafast")
-    try:
-        animate_file(None, driver, photo, clip, tracking=tracking, encode=encode, progress=progress)
-    except PhotoError as error:
-        raise EnrolError(str(error).partition(", or give its landmarks")[0]) from error
+    pictures = [srgb(read_deep(photo)) for photo in photos]
+    shapes = [largest_face(rgb, photo.name, say) for rgb, photo in zip(pictures, photos, strict=True)]
+    progress("training", 0.1)
+    with one_thread():
+        first = person_in_photo(pictures[0], shapes[0], name, anybody().at_resolution(options.resolution))
+        others = list(zip(pictures, shapes, strict=True))[1:]
+        person = tracked(with_photos(first, others), options.tracker)
+    progress("training", 1.0)
+    person.facts.update(
+        {
+            "frames": len(photos), "made_from": number, "clips": [photo.name for photo in photos],
+            "views": Views.of(shapes).as_facts(), "weaknesses": weaknesses(np.stack(shapes), person),
+        }
+    )  # fmt: skip
+    for sentence in person.facts["weaknesses"]:
+        say(f"{name}: {sentence}")
+    return saved(person, output, start)
