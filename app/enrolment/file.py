@@ -84,6 +84,6 @@ def saved(identity: Identity, output: Path, start: float) -> EnrolReport:
     components, known = identity.appearance.components, identity.facts
     return EnrolReport(
         str(output), identity.name, tuple(known["clips"]), int(known["frames"]), components.modes,
-        round(components.retained, 4), round(100 * float(known["held_out_error"]), 3), Views(**known["views"]), identity.reference.resolution, size,
-        round(time.perf_counter() - start, 2), tuple(known.get("weaknesses", ())),
+        round(components.retained, 4), round(100 * float(known["held_out_error"]), 3), Views(**known["views"]),
+        identity.reference.resolution, size, round(time.perf_counter() - start, 2), tuple(known.get("weaknesses", ())),
     )  # fmt: skip
