@@ -75,7 +75,7 @@ def test_a_picture_of_which_nothing_is_to_be_said_stays_as_it_is(talk: Frame) ->
 )
 def test_the_picture_that_others_see_is_never_drawn_on(talk: Frame, settings: LiveSettings) -> None:
     before = talk.copy()
-    after = settled().draw(shown(talk, "lost", MESH, message="words", ring=0.5, recording=True), settings)
+    after = settled().draw(shown(talk, "lost", MESH, message="words", ring=0.5, recording=72.9), settings)
     assert not changed(before, talk).any()
     assert changed(mirrored(talk) if settings.mirror else talk, after).any()
 
@@ -181,7 +181,7 @@ def test_what_must_be_known_is_said_whatever_else_is(outcome: Outcome, settings:
 
 
 def test_recording_is_red_in_the_corner(talk: Frame) -> None:
-    after = settled().draw(shown(talk, recording=True), USUAL)
+    after = settled().draw(shown(talk, recording=72.9), USUAL)
     left, _, _, bottom = bounds(changed(talk, after))
     assert left > SIZE[0] / 2
     assert bottom < SIZE[1] / 4

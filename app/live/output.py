@@ -25,7 +25,7 @@ class OutputFrame:
     message : a sentence to show, "" for none.
     ring : share in [0, 1] of the enrolment that is complete; None when nobody is being enrolled.
     missing : what the enrolment still needs, "" for nothing.
-    recording : the frame goes into a file that the user asked for.
+    recording : for how many seconds the user has been recording; None while they are not.
     original : the unchanged picture, with the real face; only while the user asks for it beside the result, and while
         they are enrolled.
     """
@@ -36,9 +36,18 @@ class OutputFrame:
     arrived: float
     message: str = ""
     ring: float | None = None
-    recording: bool = False
+    recording: float | None = None
     original: Frame | None = None
     missing: str = ""
+
+
+def clock(seconds: float) -> str:
+    """A duration as a recorder shows it.
+
+    >>> clock(72.9)
+    '1:12'
+    """
+    return f"{int(seconds) // 60}:{int(seconds) % 60:02}"
 
 
 class Output:

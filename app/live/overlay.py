@@ -17,7 +17,7 @@ from guise.aam.landmarks.schemes import SILHOUETTE
 from guise.aam.reference import ReferenceFrame
 from guise.app.live.controls import KEYS
 from guise.app.live.options import LiveSettings
-from guise.app.live.output import OutputFrame
+from guise.app.live.output import OutputFrame, clock
 from guise.app.live.stats import PipelineStats
 from guise.app.media import ColourMatrix, Frame
 from guise.common.arrays import F32, F64, I32, U8
@@ -100,10 +100,10 @@ class Overlay:
         return self._readout
 
     def _state(self, shown: OutputFrame, settings: LiveSettings) -> tuple[Row, ...]:
-        """Whether it is recorded; mode, face and alpha when they have just changed or the readout is on."""
+        """For how long it has been recorded; mode, face and alpha when they have just changed or the readout is on."""
         if settings != self._settings:
             self._settings, self._changed = settings, shown.arrived
-        rows: list[Row] = [(("● recording", RED),)] if shown.recording else []
+        rows: list[Row] = [] if shown.recording is None else [((f"● {clock(shown.recording)}", RED),)]
         if settings.readout or shown.arrived - self._changed < STYLE.change_seconds:
             rows += [((text, WHITE),) for text in self._choices(settings)]
         return tuple(rows)

@@ -6,6 +6,7 @@ Only the result is written, never the camera's original picture.
 from __future__ import annotations
 
 import shutil
+import time
 from fractions import Fraction
 from itertools import count
 from pathlib import Path
@@ -166,13 +167,20 @@ class Recordings(Output):
         microphone: Microphone | None = None,
     ) -> None:
         self.recording = False
+        self._since = 0.0
         self._folder, self._encode, self._say, self._microphone = folder, encode, say, microphone
         self._recorder: VideoRecorder | None = None
         self._fps = 30.0
 
     def toggle(self) -> None:
         """Start or stop recording with the next frame; from any thread."""
+        self._since = time.monotonic()
         self.recording = not self.recording
+
+    @property
+    def seconds(self) -> float | None:
+        """For how long the user has been recording; None while they are not."""
+        return time.monotonic() - self._since if self.recording else None
 
     def open(self, width: int, height: int, fps: float) -> None:
         self._fps = fps

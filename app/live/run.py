@@ -124,7 +124,7 @@ def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveRepor
         person = None if cast else _person(options, capture, identities[0], progress, say)
         config = SessionConfig(
             identities, person, cast, name=capture.name, keep=lambda made: _keep(capture.name, made, say),
-            look=options.look, recording=lambda: recordings.recording, notice=notices.current,
+            look=options.look, recording=lambda: recordings.seconds, notice=notices.current,
             asks=capture.paced,
         )  # fmt: skip
         requests = _RequestHandler(config, controls, recordings, snapshots, say)

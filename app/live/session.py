@@ -52,7 +52,7 @@ class SessionConfig:
     keep : called with a new model.
     meet : called with every model before it is used: the person's, or those that an enrolment makes of them.
     look : how faces are drawn.
-    recording : returns whether the user is recording.
+    recording : returns for how many seconds the user has been recording, or None.
     notice : returns a sentence that the user should see now, or "".
     asks : whether a face that is the person's own is covered until they agree.
     """
@@ -64,7 +64,7 @@ class SessionConfig:
     keep: Keep = forget
     meet: Keep = forget
     look: Look = LIVE
-    recording: Callable[[], bool] = lambda: False
+    recording: Callable[[], float | None] = lambda: None
     notice: Callable[[], str] = str
     asks: bool = True
 

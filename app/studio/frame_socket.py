@@ -41,6 +41,7 @@ HEADER = struct.Struct("<4s4HdI")
 SOUND = b"PCM "  # interleaved float32, stereo, 48 kHz
 SENT = b"I420"
 TIME_BASE = Fraction(1, 1_000_000)  # seconds, of a browser's pictures
+MOST_LINES = 720  # of a picture that is worked on
 MOST_PIXELS = 1 << 24  # of a picture that is accepted
 # Our names of the browser's formats.
 FORMATS = {
@@ -155,8 +156,17 @@ def _header(message: bytes) -> tuple[Any, ...]:
     return fields
 
 
+def _reduced(video: Any, lines: int) -> Any:
+    """A picture with at most so many lines, or as it is: browsers ask a camera for a size, and may get another."""
+    if video.height <= lines:
+        return video
+    return reformat(video, 2 * round(video.width * lines / video.height / 2), lines, "yuv420p")
+
+
 class Peer:
     """The server's end of a connection; constructed and used in an event loop.
+
+    lines : of its pictures at most; larger ones are made smaller as they come.
 
     Attributes
     ----------
@@ -165,11 +175,11 @@ class Peer:
     fault : why the studio has ended the connection, a sentence, or "".
     """
 
-    def __init__(self) -> None:
+    def __init__(self, lines: int = MOST_LINES) -> None:
         self.id = secrets.token_urlsafe(24)
         self.microphone = Microphone()
         self.fault = ""
-        self._closed = False
+        self._lines, self._closed = lines, False
         self._camera = BrowserCamera()
         self._loop = asyncio.get_running_loop()
         self._latest: asyncio.Queue[bytes | None] = asyncio.Queue(1)
@@ -229,4 +239,5 @@ class Peer:
             samples = np.frombuffer(message, np.float32, offset=HEADER.size)
             self.microphone.put(number, samples[: len(samples) // 2 * 2].reshape(-1, 2))
         else:
-            self._camera.put(*unpacked(message), taken)
+            video, number = unpacked(message)
+            self._camera.put(_reduced(video, self._lines), number, taken)

@@ -1,7 +1,8 @@
-"""Elements of the page Live that know nothing of it: pictures, choices, figures and their graph."""
+"""Elements of the page Live that know nothing of it: pictures, choices, and figures with their graph."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -9,6 +10,7 @@ from nicegui import ui
 
 from guise.app.live.stats import PipelineStats
 
+GRAPH_POINTS = 120  # of the latency graph, one for each update
 GREY = "#808080"  # readable in light and in dark
 
 
@@ -16,7 +18,7 @@ def video(name: str) -> ui.element:
     """A video element."""
     video = ui.element("video").props("autoplay muted playsinline")
     video.props["aria-label"] = name
-    return video.classes("w-full rounded bg-black aspect-[4/3] object-contain")
+    return video
 
 
 def select(label: str, options: dict[Any, str], value: Any, change: Callable[[Any], Any]) -> ui.select:
@@ -25,6 +27,35 @@ def select(label: str, options: dict[Any, str], value: Any, change: Callable[[An
         .classes("w-full")
         .props("outlined dense")
     )
+
+
+class Performance:
+    """Frame rate and latency in words and, once it is asked for, in a graph."""
+
+    def __init__(self) -> None:
+        self._latencies: deque[float] = deque([0.0] * GRAPH_POINTS, GRAPH_POINTS)
+        self._graph: ui.echart | None = None
+        self._figures = ui.label().classes("tabular-nums opacity-70")
+        self._box = ui.expansion("Performance", icon="speed", on_value_change=self._plot).classes("w-full")
+
+    def show(self, stats: PipelineStats) -> None:
+        """Show the current figures."""
+        self._latencies.append(round(stats.latency, 1))
+        self._figures.text = figures(stats)
+        if self._graph is not None and self._box.value:  # it costs the browser several pictures
+            self._graph.options["series"][0]["data"] = list(self._latencies)
+            self._graph.update()
+
+    def end(self) -> None:
+        """The run has ended."""
+        self._figures.text = ""
+
+    def _plot(self) -> None:
+        """Draw the graph once it is asked for: its library is as large as the rest of the page."""
+        if self._graph is None:
+            with self._box:
+                self._graph = ui.echart(graph(list(self._latencies))).classes("w-full h-40")
+            self._graph.props('role=img aria-label="Recent latency from the camera on"')
 
 
 def graph(latencies: list[float]) -> dict[str, Any]:

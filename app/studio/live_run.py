@@ -49,7 +49,7 @@ class LiveRun:
             Recordings(folder, say=self._say, microphone=microphone),
             _LatestFrame(),
         )
-        self._config = replace(config, recording=lambda: self._recordings.recording)
+        self._config = replace(config, recording=lambda: self._recordings.seconds)
         self._controls, self._outputs = controls, [*outputs, self._recordings, self._latest]
         self._pipeline: Pipeline | None = None
         self._stopped = False
@@ -71,6 +71,11 @@ class LiveRun:
     def recording(self) -> bool:
         """Whether the user is recording."""
         return self._recordings.recording
+
+    @property
+    def recording_seconds(self) -> float | None:
+        """For how long the user has been recording; None while they are not."""
+        return self._recordings.seconds
 
     @property
     def running(self) -> bool:

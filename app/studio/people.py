@@ -17,7 +17,7 @@ from guise.app.photos.enrol_photos import MAX_PHOTOS
 from guise.app.studio.clip_recorder import ClipRecorder
 from guise.app.studio.dialogs import asked, confirm
 from guise.app.studio.enrol_job import ENROL_JOB, enrol_job, keep_person
-from guise.app.studio.live import FACE as LIVE_FACE
+from guise.app.studio.live_faces import FACE as LIVE_FACE
 from guise.app.studio.site import Studio, empty_state, heading, local_time, page, show_job
 from guise.app.studio.store import JobRow, Person, StudioError, Upload
 from guise.app.studio.swap import FACE as SWAP_FACE

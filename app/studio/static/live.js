@@ -9,14 +9,14 @@ const guiseLive = {
   most: 2, // pictures that the studio may have at once: it works on one while the next one waits
   patience: 1000, // ms without a picture, after which another one is sent all the same
 
-  // Opens camera, microphone and connection; own and result are video elements.
+  // Opens camera, microphone and connection; own and result are video elements, lines those that a picture should have.
   // Without own, the studio has another camera.  The answer's "silent" says that the sound that is wanted is missing.
-  async begin(own, result, address, withSound) {
+  async begin(own, result, address, withSound, lines) {
     this.end();
     const session = this.session = { own, result, out: [], count: 0, returned: 0 };
     try {
       if (!window.VideoFrame) throw new DOMException("", "NotSupportedError");
-      await this.open(session, own, withSound);
+      await this.open(session, own, withSound, lines);
       session.draw = drawing(result);
       session.socket = await connected(address);
       session.socket.onmessage = ({ data }) => this.take(session, data);
@@ -30,8 +30,10 @@ const guiseLive = {
     }
   },
 
-  async open(session, own, withSound) {
-    const video = own && { width: { ideal: 640 }, height: { ideal: 480 }, frameRate: { ideal: 30 } };
+  // A camera's own modes only, wide ones first: a browser crops or scales to what it is asked for.
+  async open(session, own, withSound, lines) {
+    const wide = { aspectRatio: { ideal: 16 / 9 }, height: { ideal: lines }, resizeMode: { ideal: "none" } };
+    const video = own && { ...wide, frameRate: { ideal: 30 } };
     session.stream = video || withSound ? await allowed(video, withSound) : new MediaStream();
     const [camera] = session.stream.getVideoTracks();
     if (!camera) return;
@@ -85,6 +87,35 @@ const guiseLive = {
       format: "I420", codedWidth: width, codedHeight: height, timestamp: Math.round(1000 * session.returned),
       colorSpace: { ...colorSpace, fullRange: Boolean(full) },
     }));
+    this.follow();
+  },
+
+  // Shows the result alone in a window of its own, by whose title other programs capture it.
+  popOut(id) {
+    const result = getHtmlElement(id);
+    const [width, height] = [result.videoWidth || 1280, result.videoHeight || 720];
+    const page = window.open("", "guise-result", `popup,width=${width},height=${height}`)?.document;
+    if (!page) return;
+    page.title = "Guise result";
+    page.body.style = "margin: 0; background: #000";
+    const video = Object.assign(page.createElement("video"), { autoplay: true, muted: true, playsInline: true });
+    video.style = "display: block; width: 100vw; height: 100vh; object-fit: contain";
+    page.body.replaceChildren(video);
+    this.popped = { video, result };
+    this.follow();
+  },
+
+  // Keeps the window of its own, if there is one, on what the page shows.
+  follow() {
+    if (!this.popped) return;
+    const { video, result } = this.popped;
+    if (!video.ownerDocument.defaultView) this.popped = undefined;
+    else if (video.srcObject !== result.srcObject) video.srcObject = result.srcObject;
+  },
+
+  fillScreen(id) {
+    if (document.fullscreenElement) document.exitFullscreen();
+    else getHtmlElement(id).requestFullscreen();
   },
 
   // Sends the microphone's sound from now on; tells whether there is a microphone.
@@ -120,6 +151,7 @@ const guiseLive = {
     session.socket?.close();
     if (session.sound?.state !== "closed") session.sound?.close();
     for (const video of [session.own, session.result]) if (video) video.srcObject = null;
+    this.follow();
   },
 };
 
