@@ -14,7 +14,6 @@ from guise.app.cli.options import (
     Part,
     Shown,
     faces_by_person,
-    look_of,
     takes,
 )
 from guise.app.cli.studio import studio
@@ -69,7 +68,7 @@ def live(
     mirrored = options.input is None if mirror is None else mirror
     options = replace(
         options, outputs=options.outputs or ("window",), size=_size(size), cast=cast,
-        settings=replace(settings, alpha=drawing.alpha, mirror=mirrored), look=look_of(drawing, LIVE),
+        settings=replace(settings, alpha=drawing.alpha, mirror=mirrored), look=drawing.of(LIVE),
         encode=encoding.options(),
     )  # fmt: skip
     with Stages(console) as stages:

@@ -18,7 +18,6 @@ from guise.app.swapping import FACE_HELP, LANDMARKER_HELP
 from guise.common.option import Option, option, options_of
 
 if TYPE_CHECKING:
-    from guise.app.drawing.look import DrawingChoices, Look
     from guise.app.enrolment.landmark_source import LandmarkSource
     from guise.app.media import EncodeOptions
 
@@ -173,17 +172,6 @@ DetectorSpec = Annotated[
         help="Face detector; default: the landmarker's own.",
     ),
 ]
-
-
-def look_of(choices: DrawingChoices, usual: Look) -> Look:
-    """The look for a user's choices; usual : that of the command."""
-    from guise.app.drawing.look import PAPER
-
-    look = usual if choices.look == "swap" else replace(PAPER, exact=choices.look == "exact")
-    return replace(
-        look, alpha=choices.alpha, renderer=choices.renderer, eyes=choices.eyes, mouth=choices.mouth,
-        glasses=choices.glasses, outline=choices.outline,
-    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,6 @@ from guise.app.cli.options import (
     Videos,
     faces_by_person,
     landmark_source,
-    look_of,
     takes,
 )
 from guise.app.drawing.look import DrawingChoices
@@ -95,7 +94,7 @@ def swap(
         raise typer.BadParameter("--landmarks is for one video: give only one")
     made = _swapper(casting, str(identity), source, landmarks, landmarker)
     with Stages(console) as stages:
-        settings = _settings(console, stages, look_of(drawing, SWAP), encoding, detector, force)
+        settings = _settings(console, stages, drawing.of(SWAP), encoding, detector, force)
         settings = replace(
             settings,
             unsure=unsure,
@@ -211,7 +210,7 @@ def puppet(
     from guise.app.media.time_range import TimeRange
     from guise.app.swapping.puppet import puppet_file
 
-    look = look_of(drawing, SWAP)
+    look = drawing.of(SWAP)
     with Stages(console) as stages:
         settings = _settings(console, stages, look, encoding, detector, force)
         settings = replace(settings, keep_people=not no_keep, part=TimeRange.between(from_, to, outside))

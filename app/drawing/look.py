@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from guise.common.decay import FRAME_SECONDS
@@ -115,6 +115,14 @@ class DrawingChoices:
         most=1.0,
     )
     renderer: Literal["auto", "gl", "cpu"] = option("auto", "Which renderer draws the face.")
+
+    def of(self, usual: Look) -> Look:
+        """The look for these choices.   usual : that of the command."""
+        look = usual if self.look == "swap" else replace(PAPER, exact=self.look == "exact")
+        return replace(
+            look, alpha=self.alpha, renderer=self.renderer, eyes=self.eyes, mouth=self.mouth, glasses=self.glasses,
+            outline=self.outline,
+        )  # fmt: skip
 
 
 LIVE_CHOICES = DrawingChoices(eyes="donor")  # a face that is worn shows no irises of the person's unasked

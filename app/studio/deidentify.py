@@ -11,12 +11,14 @@ from typing import Any
 
 from nicegui import ui
 
+from guise.app.deidentify.options import DeidentifyOptions
 from guise.app.deidentify.reach import reach_of_both
 from guise.app.deidentify.report.page import COUNTS, HEADLINES
 from guise.app.deidentify.run.results import beside
 from guise.app.studio.cover_editor import VIEWS, about, picture_of_cover
 from guise.app.studio.deidentify_editor import ACTIONS, COVERS, REGIONS, SOUNDS, TrackEditor
 from guise.app.studio.deidentify_jobs import REPORTS, DeidentifyChoices, download_name, render, review
+from guise.app.studio.option_form import Encoding
 from guise.app.studio.site import Studio, choice_row, heading, page, script
 from guise.app.studio.store import JobRow, Upload
 from guise.app.studio.uploads import CONFIDENTIAL, CONFIDENTIAL_PHOTO, shown
@@ -43,6 +45,7 @@ WORK = VideoWork(
     "Find faces",
     "You can leave this page and come back.",
     CONFIDENTIAL_PHOTO,
+    (DeidentifyOptions, Encoding),
     CONFIDENTIAL,
 )
 TONES = {"good": "positive", "fair": "warning", "bad": "negative"}

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
 from guise.app.deidentify.tracks import Track
 from guise.app.media.pictures import save_picture
+from guise.app.studio.option_form import Encoding, taken
 from guise.app.studio.pictures import fitted_to, frames_until, output_suffix
 from guise.app.studio.store import StudioError
 from guise.app.swapping.policy import Action
@@ -50,6 +51,7 @@ class DeidentifyChoices:
     people : by track, whose it is, where the user has changed that.   names : by person.
     covers : by cover of a face without a track, what is there.   boxes : that the user drew, as in the file TRACKS.
     cover, cover_strength, alpha, audio, region : as in `guise.app.deidentify.options.Options`.
+    more : other options, by their names on the command line.
     """
 
     actions: dict[str, Action]
@@ -63,6 +65,7 @@ class DeidentifyChoices:
     names: dict[str, str] = field(default_factory=dict)
     covers: dict[str, Action] = field(default_factory=dict)
     boxes: list[dict[str, Any]] = field(default_factory=list)
+    more: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
     def proposed(cls, tracks: list[dict[str, Any]]) -> DeidentifyChoices:
@@ -88,7 +91,12 @@ class DeidentifyChoices:
 
     def options(self) -> DeidentifyOptions:
         """As `deidentify_file` takes them."""
-        return DeidentifyOptions(**{name: getattr(self, name) for name in SHARED})
+        return replace(options_from(self.more), **{name: getattr(self, name) for name in SHARED})
+
+
+def options_from(values: Mapping[str, Any]) -> DeidentifyOptions:
+    """Options by their names on the command line."""
+    return replace(taken(DeidentifyOptions, values), encode=taken(Encoding, values).options())
 
 
 def write_edited(folder: Path, choices: DeidentifyChoices, tracks: Path) -> None:
@@ -106,20 +114,24 @@ def read_tracks(folder: Path) -> dict[str, Any]:
 def review(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
     """Find the faces of a clip and propose what to do with them.
 
-    about : source, the clip's path; reviewed, the output of which a review was made on the command line, if one was.
+    about : source, the clip's path; options, by their names on the command line; reviewed, the output of which a
+        review was made on the command line, if one was.
     Returns the output's file name, the time of the last frame, the number of frames, and the frames of the pictures of
     each track.
     """
     source = Path(about["source"])
-    output = folder / (STEM + output_suffix(source, DeidentifyOptions().encode.encoder))
+    given = about.get("options", {})
+    options = options_from(given)
+    output = folder / (STEM + output_suffix(source, options.encode.encoder))
     reviewed = about.get("reviewed")
-    options = _take_over(Path(reviewed), output) if reviewed else DeidentifyOptions()
+    if reviewed:
+        options = _take_over(Path(reviewed), output)
     with open_engine("local") as engine:
         deidentify_file(
             source, output, options, engine, resume=bool(reviewed), review=True, progress=progress, say=mute
         )
-    taken = {name: getattr(options, name) for name in SHARED}
-    replace(DeidentifyChoices.load(folder), **taken).save(folder)
+    chosen = {name: getattr(options, name) for name in SHARED}
+    replace(DeidentifyChoices.load(folder), more=given, **chosen).save(folder)
     case = Case(WorkFolder(work_folder(output)))
     save_covers(case, covers_without_track(case), folder)
     shown = pictures(case, "pictures")
@@ -245,7 +257,7 @@ def preview(
         shutil.copytree(work_folder(found / output), trial, copy_function=os.link)  # nothing in it changes
     write_whole(tracks, _edited(found, choices))
     case = replanned(trial, tracks, choices.options())
-    some = frames_until(source, case.scan, frame)
+    some = frames_until(source, case.scan, frame, case.options.read)
     before = fitted_to(some[-1].rgb(), width)
     draw_frames(case, some)
     return before, fitted_to(some[-1].rgb(), width)

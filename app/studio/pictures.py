@@ -11,6 +11,7 @@ from guise.app.media.image_writing import encode_image
 from guise.app.media.pictures import shrunk
 from guise.app.media.segments import Scan, read_frames
 from guise.app.media.stream_copies import suffix_for
+from guise.app.media.time_range import TimeRange
 from guise.app.studio.store import StudioError
 from guise.common.arrays import U8
 
@@ -30,9 +31,9 @@ def fitted_to(rgb: U8, width: int) -> U8:
     return shrunk(rgb, min(1.0, width / rgb.shape[1]))
 
 
-def frames_until(source: Path, scan: Scan, frame: int) -> list[Frame]:
-    """A frame of a video after a few before it, over which light and occlusion settle."""
-    frames = list(read_frames(source, scan, max(0, frame - WARM_UP_FRAMES), frame + 1))
+def frames_until(source: Path, scan: Scan, frame: int, part: TimeRange | None = None) -> list[Frame]:
+    """A frame of a video after a few before it, over which light and occlusion settle.   part : that was scanned."""
+    frames = list(read_frames(source, scan, max(0, frame - WARM_UP_FRAMES), frame + 1, part=part))
     if not frames:
         raise StudioError(f"frame {frame} cannot be decoded: choose another")
     return frames

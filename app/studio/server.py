@@ -69,6 +69,7 @@ def _site(studio: Studio) -> FastAPI:
     """All pages in one application that loads nothing from other hosts."""
     site = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     logging.getLogger("nicegui").addFilter(_is_unexpected)
+    logging.getLogger("nicegui").setLevel(logging.ERROR)  # its warnings are for its own developers
     serve_files(studio)
     serve_missing(studio)
     for module in PAGES:

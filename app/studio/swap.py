@@ -18,7 +18,7 @@ from guise.app.studio.dialogs import confirm
 from guise.app.studio.portraits import Portraits
 from guise.app.studio.site import Studio, choice_row, page
 from guise.app.studio.store import JobRow, StudioError, Upload, preview_of
-from guise.app.studio.swap_jobs import REPORT, SwapChoices, find, preview, render
+from guise.app.studio.swap_jobs import OPTIONS, REPORT, SwapChoices, find, preview, render
 from guise.app.studio.uploads import FACE_PHOTO, SWAP_PHOTO, shown, uploader
 from guise.app.studio.videos import (
     PREVIEW_WIDTH_PIXELS,
@@ -45,6 +45,7 @@ WORK = VideoWork(
     "Find people",
     "Finding and learning people takes about as long as the video, and 20 seconds for each of them.",
     SWAP_PHOTO,
+    OPTIONS,
 )
 FACES = "faces.json"  # in a finding's folder: photos of faces that the user has added, path -> name
 MODES = {"swap": "Swap faces", "puppet": "Puppet"}
@@ -169,7 +170,8 @@ class _SwapPage(VideoPage):
 
     def _draw(self, frame: int) -> tuple[U8, U8]:
         source, folder = Path(self.job.about["source"]), self.studio.store.folder_of(self.job.id)
-        return preview(source, folder, self._chosen(), frame, PREVIEW_WIDTH_PIXELS)
+        options = self.job.about.get("options", {})
+        return preview(source, folder, self._chosen(), frame, PREVIEW_WIDTH_PIXELS, options)
 
     def _render(self) -> None:
         choices = self._chosen()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -17,20 +18,25 @@ import numpy as np
 
 from guise.aam.landmarks import LbpDetector, open_landmarker
 from guise.aam.model import Identity
-from guise.app.media import EncodeOptions, open_input
+from guise.app.drawing.look import SWAP, DrawingChoices
+from guise.app.media import open_input
 from guise.app.media.pictures import letterboxed, save_picture
 from guise.app.media.segments import Scan, scan
+from guise.app.media.time_range import Outside, TimeRange
 from guise.app.people.finding import find_people
 from guise.app.people.found import load_people, save_people
+from guise.app.studio.option_form import Encoding, taken
 from guise.app.studio.pictures import fitted_to, frames_until, output_suffix
 from guise.app.studio.store import StudioError
 from guise.app.swapping.donors import open_face
+from guise.app.swapping.policy import Unsure
 from guise.app.swapping.puppet import Puppet, puppet_file
 from guise.app.swapping.report import SwapError, SwapReport, SwapSettings
 from guise.app.swapping.several import Casting, KnownVideo, Others, draw_frame, learn_person, swap_people
 from guise.common.arrays import U8
 from guise.common.files import write_json
-from guise.common.progress import Progress
+from guise.common.option import option
+from guise.common.progress import Progress, silent
 
 PEOPLE, SCAN, REPORT, STEM = "people.npz", "scan.json", "report.json", "out"
 
@@ -49,6 +55,32 @@ class SwapChoices:
     def casting(self) -> Casting:
         """As `swap_people` takes them."""
         return Casting(self.faces, self.others)
+
+
+@dataclass(frozen=True)
+class SwapOptions:
+    """What else a user can say, as on the command line."""
+
+    start: str | None = option(
+        None, "Where the part to swap begins: seconds, 1:30 or 1:02:30.", name="--from", metavar="TIME"
+    )
+    end: str | None = option(None, "Where it ends; default: with the video.", name="--to", metavar="TIME")
+    outside: Outside = option("keep", "What lies outside that part: keep it as it is, or cut it off.")
+    unsure: Unsure = option(
+        "cover", "A face that is lost but may be visible: cover it, hold the last face, or leave it."
+    )
+
+
+OPTIONS = (SwapOptions, DrawingChoices, Encoding)
+
+
+def settings_from(values: Mapping[str, Any], progress: Progress) -> SwapSettings:
+    """Settings for options by their names on the command line."""
+    own = taken(SwapOptions, values)
+    return SwapSettings(
+        look=taken(DrawingChoices, values).of(SWAP), encode=taken(Encoding, values).options(), unsure=own.unsure,
+        part=TimeRange.between(own.start, own.end, own.outside), progress=progress,
+    )  # fmt: skip
 
 
 def find(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
@@ -85,13 +117,13 @@ def find(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, A
 def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
     """Swap a clip.
 
-    about : source and name as for the finding; found, its folder; choices, see `SwapChoices`.
+    about : source and name as for the finding; found, its folder; choices, see `SwapChoices`; options.
     Returns the output's file name, and the report of `swap_people` or `puppet_file`.
     """
     source, before = Path(about["source"]), Path(about["found"])
     if not before.exists():
         raise StudioError(f"what was found in {about['name']} was deleted: choose the video again")
-    settings = SwapSettings(encode=EncodeOptions(), progress=progress)
+    settings = settings_from(about.get("options", {}), progress)
     output = folder / (STEM + output_suffix(source, settings.encode.encoder))
     choices, known = SwapChoices(**about["choices"]), known_video(before)
     report: SwapReport
@@ -105,8 +137,13 @@ def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
     return facts
 
 
-def preview(source: Path, found: Path, choices: SwapChoices, frame: int, width: int) -> tuple[U8, U8]:
-    """A frame before and after, RGB (h, w, 3).   found : folder of the finding.   width : pixels, at most."""
+def preview(
+    source: Path, found: Path, choices: SwapChoices, frame: int, width: int, options: Mapping[str, Any]
+) -> tuple[U8, U8]:
+    """A frame before and after, RGB (h, w, 3).
+
+    found : folder of the finding.   width : pixels, at most.   options : by their names on the command line.
+    """
     frames = Scan.from_json(json.loads((found / SCAN).read_text(encoding="utf-8")))
     some = frames_until(source, frames, frame)
     before = fitted_to(some[-1].rgb(), width)
@@ -117,7 +154,8 @@ def preview(source: Path, found: Path, choices: SwapChoices, frame: int, width: 
                 puppet.swap(one)
         return before, letterboxed(some[-1].rgb(), before.shape[1], before.shape[0])
     rate = float(1 / (np.median(np.diff(frames.pts)) * frames.time_base)) if frames.frames > 1 else 1.0
-    draw_frame(source.name, some, choices.casting(), known_video(found), rate)
+    settings = settings_from(options, silent)
+    draw_frame(source.name, some, choices.casting(), known_video(found), rate, settings=settings)
     return before, fitted_to(some[-1].rgb(), width)
 
 

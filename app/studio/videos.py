@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from nicegui import events, run, ui
 
 from guise.app.media.file_kind import kind_of
 from guise.app.studio.dialogs import confirm
+from guise.app.studio.option_form import OptionForm
 from guise.app.studio.pictures import data_url
 from guise.app.studio.site import Studio, empty_state, heading, local_time, show_job
 from guise.app.studio.store import CLIP, JobRow, MissingError, Upload
@@ -28,6 +29,7 @@ from guise.common.failures import explain
 from guise.common.files import write_whole
 from guise.common.samples import samples_folder
 
+NO_OPTIONS: Mapping[str, Any] = {}
 PREVIEW_WIDTH_PIXELS = 1280
 DROP_HINT = "Drop videos or photos here, or paste a picture"
 SAMPLE, SAMPLE_FILE = "A sample clip", Path("p01", "talk2.mp4")
@@ -46,7 +48,7 @@ class VideoWork:
     ----------
     path : of the page.   find, render : kinds of its jobs.
     intro : above the list.   begin : on the button that begins with a video.   finding : while it is looked through.
-    photos, uploads : the kinds of the photos and videos that are uploaded there.
+    photos, uploads : the kinds of the photos and videos that are uploaded there.   options : classes of its options.
     """
 
     path: str
@@ -56,6 +58,7 @@ class VideoWork:
     begin: str
     finding: str
     photos: UploadKind
+    options: tuple[type, ...]
     uploads: UploadKind = CLIPS
 
     @property
@@ -74,14 +77,19 @@ def sample_clip(studio: Studio) -> Upload:
     return clip
 
 
-def begin(studio: Studio, work: VideoWork, clip: Upload) -> None:
+def begin(studio: Studio, work: VideoWork, clip: Upload, options: Mapping[str, Any] = NO_OPTIONS) -> None:
     """Look for faces in a video, and show its page."""
-    ui.navigate.to(f"{work.path}/{enqueue(studio, work, clip)}")
+    ui.navigate.to(f"{work.path}/{enqueue(studio, work, clip, options)}")
 
 
-def enqueue(studio: Studio, work: VideoWork, clip: Upload) -> str:
-    """Have faces looked for in a video when its turn comes; the id of the job."""
-    about = {"source": str(clip.path), "name": clip.name, "files": {str(clip.path): clip.name}}
+def enqueue(studio: Studio, work: VideoWork, clip: Upload, options: Mapping[str, Any] = NO_OPTIONS) -> str:
+    """Have faces looked for in a video when its turn comes; the id of the job.
+
+    options : by their names on the command line.
+    """
+    about = {
+        "source": str(clip.path), "name": clip.name, "files": {str(clip.path): clip.name}, "options": dict(options),
+    }  # fmt: skip
     return studio.jobs.start(work.find, about)
 
 
@@ -139,6 +147,7 @@ class VideoList:
     ) -> None:  # fmt: skip
         self._studio, self._work, self._words, self._several = studio, work, words, several
         self._chosen = 1  # files of the last upload
+        self._form = OptionForm(work.path.strip("/"), work.options)
 
     def build(self) -> None:
         """The whole page."""
@@ -155,6 +164,7 @@ class VideoList:
                     hint=DROP_HINT,
                 )
                 field.on("added", self._count, js_handler="(files) => emit(files.length)")
+                self._form.build()
                 self._clips()
                 sample = ui.button("Try a sample clip", icon="movie")
                 sample.on_click(lambda: begin(studio, work, sample_clip(studio))).props("outline")
@@ -167,9 +177,9 @@ class VideoList:
     def _uploaded(self, clip: Upload) -> None:
         """A single file is shown at once, several are queued."""
         if self._chosen == 1:
-            begin(self._studio, self._work, clip)
+            begin(self._studio, self._work, clip, self._form.values)
             return
-        enqueue(self._studio, self._work, clip)
+        enqueue(self._studio, self._work, clip, self._form.values)
         self.entries.refresh()
 
     def _clips(self) -> None:
@@ -179,7 +189,9 @@ class VideoList:
                 chosen = ui.select(clips, label="or choose one uploaded earlier").classes("grow")
                 start = ui.button(
                     self._work.begin,
-                    on_click=lambda: begin(self._studio, self._work, self._studio.store.upload(chosen.value)),
+                    on_click=lambda: begin(
+                        self._studio, self._work, self._studio.store.upload(chosen.value), self._form.values
+                    ),
                 )
                 start.bind_enabled_from(chosen, "value", bool)
 

@@ -1,0 +1,183 @@
+"""A form for all options of a command, with presets that have a name, which the command line reads, too."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from types import UnionType
+from typing import Any, Literal, TypeVar, get_args, get_origin
+
+from nicegui import ui
+
+from guise.app.media import EncodeOptions
+from guise.app.studio.store import StudioError
+from guise.common import presets
+from guise.common.option import Option, option, options_of
+
+
+@dataclass(frozen=True)
+class Encoding:
+    """How a video is encoded, see `guise.app.media.EncodeOptions`."""
+
+    crf: int | None = option(
+        None,
+        "Quality; lower is better and larger. Default: as fine as the input, from 15 to 20.",
+        least=0,
+        most=63,
+    )
+    encoder: str = option("auto", "Video encoder, such as libx264, libx265 or ffv1.")
+    preset: str = option("veryfast", "Encoder preset, from ultrafast to veryslow.", name="--encoder-preset")
+    lossless: bool = option(False, "Encode losslessly.")
+
+    def options(self) -> EncodeOptions:
+        """For the encoder."""
+        return EncodeOptions(self.encoder, self.crf, self.preset, self.lossless)
+
+
+FIRST = ("from", "to", "outside")  # in a form, before the others
+T = TypeVar("T")
+
+
+def called(name: str, told: Option) -> str:
+    """An option on the command line, without hyphens.
+
+    >>> called("keep_metadata", Option("")), called("start", Option("", "--from -f"))
+    ('keep-metadata', 'from')
+    """
+    return (told.name or name.replace("_", "-")).split()[0].lstrip("-")
+
+
+def taken(kind: type[T], values: Mapping[str, Any]) -> T:
+    """A dataclass of options with these values, by their names on the command line; others keep their defaults.
+
+    Raises StudioError for a value that an option does not take.
+    """
+    given = {}
+    for name, (told, _, hint) in options_of(kind).items():
+        if (value := values.get(called(name, told))) is not None:
+            given[name] = _read(value, called(name, told), told, hint)
+    return kind(**given)
+
+
+def _read(value: Any, name: str, told: Option, hint: Any) -> Any:
+    kind = _plain(hint)
+    if get_origin(kind) is Literal:
+        if value not in get_args(kind):
+            raise StudioError(f"{name} is one of {', '.join(map(str, get_args(kind)))}, got {value}")
+        return value
+    if get_origin(kind) is tuple:
+        return tuple(Path(one) for one in value)
+    try:
+        made = kind(value)
+    except (TypeError, ValueError) as error:
+        raise StudioError(f"{name} cannot be {value}") from error
+    if isinstance(made, int | float) and not _is_within(made, told):
+        raise StudioError(f"{name} is from {told.least:g} to {told.most:g}, got {made:g}")
+    return made
+
+
+def _is_within(value: float, told: Option) -> bool:
+    return (told.least is None or told.least <= value) and (told.most is None or value <= told.most)
+
+
+def _plain(hint: Any) -> Any:
+    """A type without its None."""
+    return (
+        next(one for one in get_args(hint) if one is not type(None)) if isinstance(hint, UnionType) else hint
+    )
+
+
+class OptionForm:
+    """The options of some dataclasses, folded away.   command : whose presets they are, such as "deidentify"."""
+
+    def __init__(self, command: str, kinds: Sequence[type]) -> None:
+        self._command, self._kinds = command, kinds
+        found = [
+            (called(name, told), told, field.default, hint)
+            for kind in kinds
+            for name, (told, field, hint) in options_of(kind).items()
+        ]
+        place = {name: order for order, name in enumerate(FIRST)}
+        self._options = sorted(found, key=lambda one: place.get(one[0], len(FIRST)))
+        self._values: dict[str, Any] = {}
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """What differs from the defaults, by name.   Raises StudioError for a value that an option does not take."""
+        for kind in self._kinds:
+            taken(kind, self._values)
+        return dict(self._values)
+
+    def build(self) -> None:
+        """The presets, and a field for each option."""
+        with ui.expansion("Options and presets", icon="tune").classes("w-full"):
+            self._presets()
+            self._fields()
+
+    @ui.refreshable_method
+    def _presets(self, chosen: str | None = None) -> None:
+        with ui.row().classes("w-full items-center gap-2 mb-4"):
+            names = presets.names()
+            choice = ui.select(
+                names, label="Preset", value=chosen, on_change=lambda event: self._use(event.value)
+            )
+            choice.props("dense outlined clearable").classes("grow")
+            name = ui.input("Name of a preset", value=chosen or "").props("dense outlined").classes("grow")
+            ui.button("Save", icon="save", on_click=lambda: self._save(name.value)).props("outline")
+            if chosen in presets.saved():
+                remove = ui.button(icon="delete", color=None, on_click=partial(self._delete, str(chosen)))
+                remove.props("flat round").props["aria-label"] = f"Delete the preset {chosen}"
+
+    def _use(self, name: str | None) -> None:
+        known = {option: default for option, _, default, _ in self._options}
+        found = presets.preset(name, self._command) if name else {}
+        self._values = {option: value for option, value in found.items() if option in known}
+        self._fields.refresh()
+        self._presets.refresh(name)
+
+    def _save(self, name: str) -> None:
+        presets.save(name, self._command, self.values)
+        self._presets.refresh(presets.checked_name(name))
+        ui.notify(f"Saved: guise {self._command} --preset knows it, too.")
+
+    def _delete(self, name: str) -> None:
+        presets.delete(name)
+        self._presets.refresh(None)
+
+    @ui.refreshable_method
+    def _fields(self) -> None:
+        with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2"):
+            for name, told, default, hint in self._options:
+                with ui.column().classes("gap-0"):
+                    self._field(name, told, default, _plain(hint))
+
+    def _field(self, name: str, told: Option, default: Any, kind: Any) -> None:
+        label, value = name.replace("-", " ").capitalize(), self._values.get(name, default)
+        field: Any
+        if kind is bool:
+            field = ui.switch(label, value=value)
+        elif get_origin(kind) is Literal:
+            field = ui.select(list(get_args(kind)), label=label, value=value)
+        elif kind in (int, float):
+            field = ui.number(
+                label, value=value, min=told.least, max=told.most, step=1 if kind is int else 0.1
+            )
+        else:
+            text = ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value or "")
+            field = ui.input(label, value=text, placeholder=told.metavar)
+        field.classes("w-full").on_value_change(
+            lambda event: self._set(name, event.value, default, several=get_origin(kind) is tuple)
+        )
+        if kind is not bool:
+            field.props("dense outlined")
+        ui.label(told.help).classes("opacity-70 text-caption")
+
+    def _set(self, name: str, value: Any, default: Any, *, several: bool) -> None:
+        if several:
+            value = [part.strip() for part in value.split(",") if part.strip()]
+        if value in (None, "", [], default):
+            self._values.pop(name, None)
+        else:
+            self._values[name] = value
