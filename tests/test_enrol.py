@@ -65,7 +65,7 @@ def test_landmarks_beside_a_clip_without_a_face_are_found_anew_and_named_ones_re
     np.savez(nobody, landmarks=np.full((30, 81, 2), np.nan))
     said: list[str] = []
     enrol_file([clip], tmp_path / "a.guise", LandmarkSource(), name="A", options=SMALL, say=said.append)
-    assert said[0] == "clip.landmarks.npz beside clip.mp4 holds no face, which is looked for instead"
+    assert said[0] == "clip.landmarks.npz beside clip.mp4 has no face in it: detecting the face instead"
     with pytest.raises(LandmarkError, match="must hold a face in at least one frame"):
         enrol_file([clip], tmp_path / "b.guise", LandmarkSource([nobody]), name="B", options=SMALL)
 

@@ -42,7 +42,7 @@ def test_a_photo_becomes_a_model_and_says_so(photo: Path, tmp_path: Path) -> Non
     report = enrol_photos([photo], tmp_path / "ann.guise", name="Ann", options=SMALL, say=said.append)
     made = Identity.load(tmp_path / "ann.guise")
     assert (report.clips, made.name, made.facts["made_from"]) == (("ann.png",), "Ann", "one photo")
-    assert said[0].startswith("learned from one photo: teeth, shut lids and turned views are guessed")
+    assert said[0].startswith("Enrolled from one photo: teeth, closed eyes and turned views are guessed")
     own, others = (cosine_similarity(signature(made), signature(open_donor(p))) for p in ("p06", "p03"))
     assert own > others
 

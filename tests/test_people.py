@@ -112,8 +112,7 @@ def test_a_damaged_model_is_a_note_and_no_model(person: Identity) -> None:
     said: list[str] = []
     assert cached("camera", said.append) is None
     assert said == [
-        f"a model that was kept is not used: {path} is not a Guise model or is "
-        "truncated; enroll the person again"
+        f"A saved model is ignored: {path} is not a Guise model or is truncated; enroll the person again"
     ]
     keep("camera", person)
     assert cached("camera") is not None

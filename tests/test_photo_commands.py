@@ -232,7 +232,7 @@ def test_of_two_faces_the_larger_one_is_taken(here: Path, capsys: pytest.Capture
     code, _, err = run(capsys, *IMAGE[:3], "both.png", *KNOWN[:4], "-o", "out.png")
     assert (code, err) == (
         0,
-        "both.png shows 2 faces; the largest is used: choose another one with --landmarks-t\n",
+        "both.png shows 2 faces; using the largest; choose another with --landmarks-t\n",
     )
     made = read_deep(Path("out.png")).pixels
     np.testing.assert_array_equal(made[:, WIDTH:], both[:, WIDTH:])

@@ -52,7 +52,7 @@ def test_a_photo_gets_the_face_of_another_photo(
 ) -> None:
     out = tmp_path / "out.png"
     assert main(["swap", str(photos["p01"]), "--identity", str(photos["p06"]), "-o", str(out)]) == 0
-    assert "p06 is known from one photo: use it only if the person agrees" in capsys.readouterr().err
+    assert "p06 was enrolled from one photo: use it only with the person's consent" in capsys.readouterr().err
     made, before, donor = (read_deep(path).rgb8() for path in (out, photos["p01"], photos["p06"]))
     assert likeness(made, donor) > likeness(made, before)
     changed = np.flatnonzero((made != before).any(axis=(1, 2)))

@@ -48,7 +48,7 @@ Person = Annotated[
     typer.Option(
         min=1,
         metavar="NUMBER",
-        help="Which person of a clip that shows several, see `guise people find`.",
+        help="Which person of a clip that shows several; see `guise people find`.",
     ),
 ]
 Refine = Annotated[
@@ -125,12 +125,15 @@ def info(
     ],
     picture: Annotated[
         Path | None,
-        typer.Option(metavar="OUT.png", help="Also draw the mean, the neutral face and the modes at +-2 sd."),
+        typer.Option(
+            metavar="OUT.png",
+            help="Also draw the mean, the neutral face and the modes at ±2 standard deviations.",
+        ),
     ] = None,
     force: Force = False,
     console: Shown,
 ) -> None:
-    """Show what a model holds."""
+    """Show what is in a model."""
     from guise.app.people.info import describe
     from guise.app.swapping.donors import face_file
     from guise.common.files import require_free

@@ -11,8 +11,8 @@ from guise.app.cli.console import Stages
 from guise.app.cli.options import Encode, Part, Shown, takes
 from guise.app.photos.options import AnalogyOptions
 
-NEUTRAL = "A photo of a person, neutral."
-Target = Annotated[Path, typer.Argument(metavar="T", help="A photo of another person, neutral.")]
+NEUTRAL = "Photo 1: a person with a neutral face."
+Target = Annotated[Path, typer.Argument(metavar="T", help="Photo 3: another person with a neutral face.")]
 Options = Annotated[AnalogyOptions, Part(AnalogyOptions)]
 LandmarksS = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Landmarks of S (.npz, .json, .pts); default: detected.")
@@ -26,7 +26,7 @@ def image(
     *,
     source: Annotated[Path, typer.Argument(metavar="S", help=NEUTRAL)],
     expressive: Annotated[
-        Path, typer.Argument(metavar="S1", help="A photo of the same person with an expression.")
+        Path, typer.Argument(metavar="S1", help="Photo 2: the same person with an expression.")
     ],
     target: Target,
     output: Annotated[
@@ -42,7 +42,7 @@ def image(
     ] = None,
     console: Shown,
 ) -> None:
-    """Transfer an expression from one photo to another, with its wrinkles and shading."""
+    """Copy the expression from photo 1 to 2 onto photo 3, with its wrinkles and shading."""
     from guise.app.photos.image import analogy_image
 
     report = analogy_image(

@@ -34,7 +34,7 @@ Cast = Annotated[
     typer.Option(
         "--map",
         metavar="SOURCE=FACE",
-        help="For up to four people at once: a person's model and the face that they get; others are covered.",
+        help="For up to four people: a person's model and the face that they get; others are covered.",
     ),
 ]
 Size = Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Size of picture to ask the camera for.")]

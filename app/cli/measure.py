@@ -22,7 +22,7 @@ Attack = Annotated[
     bool,
     typer.Option(
         "--attack",
-        help="Attack folders of de-identified people: attackers that know other pictures of them, and learn.",
+        help="Attack folders of people: attackers that know other pictures of them, and learn, try to find them.",
     ),
 ]
 Figures = Annotated[

@@ -59,14 +59,14 @@ OutsideChoice = Annotated[
 ]
 PipeFormat = Annotated[
     Literal["y4m", "rawvideo", "nut"],
-    typer.Option("--pipe", help="The format of `-o -`, which writes to a pipe."),
+    typer.Option("--pipe", help="The format that `-o -` writes to a pipe."),
 ]
 RawVideo = Annotated[
     str | None,
     typer.Option(
         "--raw",
         metavar="WxH@FPS[:PIXELS]",
-        help="What comes from a pipe as `-` if it is raw video: 640x480@30:yuv420p.",
+        help="The format of raw video read from a pipe (`-`): 640x480@30:yuv420p.",
     ),
 ]
 _IDENTITY = typer.Option(
@@ -82,14 +82,16 @@ FaceMap = Annotated[
     typer.Option(
         "--map",
         metavar="SOURCE=FACE",
-        help="Instead of --identity, for each of several people: left, right, largest, a number of "
-        "`guise people find`, or their model, and the face that they get.",
+        help="For several people, instead of --identity: a person (left, right, largest, a number of "
+        "`guise people find`, or their model) and the face that they get; may be repeated.",
     ),
 ]
 Others = Literal["leave", "cover", "fictional"]
 OthersChoice = Annotated[
     Others,
-    typer.Option("--others", help="With --map, everybody else: leave, cover, or give a face of the gallery."),
+    typer.Option(
+        "--others", help="With --map, everybody else: leave them, cover them, or give them a fictional face."
+    ),
 ]
 SourceSpec = Annotated[
     str | None,
@@ -103,7 +105,7 @@ NoKeep = Annotated[
     bool,
     typer.Option(
         "--no-keep",
-        help="Enroll the person in VIDEO even if their model was kept by an earlier run, and do not keep it.",
+        help="Enroll the person in VIDEO anew, and do not save the model.",
     ),
 ]
 LandmarkFiles = Annotated[
@@ -129,7 +131,7 @@ Rest = Annotated[
         "--rest",
         min=0.0,
         metavar="SECONDS",
-        help="A time in the first clip at which the face is at rest: mouth shut, brows down; default: a guess.",
+        help="When the face is at rest in the first clip: mouth closed, brows down; default: a guess.",
     ),
 ]
 UnsureOption = Annotated[
@@ -142,9 +144,7 @@ UnsureOption = Annotated[
 Device = Literal["none", "auto", "cuda", "vaapi", "videotoolbox", "d3d11va"]
 HardwareDecoding = Annotated[
     Device,
-    typer.Option(
-        "--hwaccel", help="The device that decodes the video; what does not work is left to the processor."
-    ),
+    typer.Option("--hwaccel", help="The device that decodes the video; the processor does what it cannot."),
 ]
 LandmarkOutput = Annotated[
     Path,

@@ -28,7 +28,7 @@ class _FindByDefault(TyperGroup):
 people = typer.Typer(
     name="people",
     cls=_FindByDefault,
-    help="Who is in a video, and who is kept on this computer: enrolled by name, at a camera, or from a swapped video.",
+    help="Find the people in a video, and manage those who are saved on this computer.",
 )
 people.callback(invoke_without_command=True)(help_without_command)
 
@@ -72,7 +72,7 @@ def find(
             output, sheet([pictures[k : k + SHEET_COLUMNS] for k in range(0, len(pictures), SHEET_COLUMNS)])
         )
         console.grid("", ["person", "frames", "from", "pixels wide"], rows)
-    console.say(f"{output} shows them." if rows else f"Nobody is seen long enough in {video}.")
+    console.say(f"{output} shows them." if rows else f"Nobody is in {video} for long enough.")
     people = [
         {
             "number": p.number, "frames": len(p.frames), "first": int(p.frames[0]), "last": int(p.frames[-1]),
@@ -86,17 +86,17 @@ def find(
 @people.command("list")
 @takes
 def list_people(console: Shown) -> None:
-    """List everybody who is kept, and say where."""
+    """List the people who are saved on this computer, and where."""
     from guise.app.people.kept import everybody, folder
 
     found = everybody()
     rows = [[p.name, p.origin, f"{p.kept:%Y-%m-%d %H:%M}", f"{p.size / 1e6:.1f} MB"] for p in found]
     if rows:
-        console.grid("", ["name", "from", "kept", "size"], rows)
+        console.grid("", ["name", "from", "saved", "size"], rows)
     console.say(
-        f"Kept in {folder()}, which only you may read: the models are biometric data."
+        f"Saved in {folder()}, which only you can read: the models are biometric data."
         if found
-        else f"Nobody is kept in {folder()} yet: guise enroll VIDEO keeps somebody."
+        else f"Nobody is saved in {folder()} yet: guise enroll VIDEO saves a person."
     )
     console.result({"folder": str(folder()), "people": [person.as_json() for person in found]})
 
@@ -104,7 +104,7 @@ def list_people(console: Shown) -> None:
 @people.command()
 @takes
 def show(name: Name, console: Shown) -> None:
-    """Show what the model of a person holds, and where it is."""
+    """Show what is in a person's model, and where it is."""
     from guise.app.people.info import describe
     from guise.app.people.kept import named
 
@@ -119,10 +119,10 @@ def show(name: Name, console: Shown) -> None:
 def rename(
     *,
     name: Name,
-    new: Annotated[str, typer.Argument(metavar="NEW", help="Another name for the person.")],
+    new: Annotated[str, typer.Argument(metavar="NEW", help="The new name.")],
     console: Shown,
 ) -> None:
-    """Give a person another name."""
+    """Rename a person."""
     from guise.app.people import kept
     from guise.app.swapping.donors import gallery
 
@@ -138,14 +138,14 @@ def rename(
 def delete(
     *,
     names: Annotated[list[str] | None, typer.Argument(metavar="NAME...", help="The people.")] = None,
-    all_people: Annotated[bool, typer.Option("--all", help="Everybody who is kept.")] = False,
+    all_people: Annotated[bool, typer.Option("--all", help="Delete everybody.")] = False,
     console: Shown,
 ) -> None:
-    """Delete the models of people."""
+    """Delete people's models."""
     from guise.app.people import kept
 
     if bool(names) == all_people:
         raise typer.BadParameter("give the names of the people to delete, or --all")
     gone = kept.delete([p.name for p in kept.everybody()] if all_people else names or [])
-    console.say("Deleted: " + (", ".join(person.name for person in gone) or "nobody was kept"))
+    console.say("Deleted: " + (", ".join(person.name for person in gone) or "nobody was saved"))
     console.result({"deleted": [person.as_json() for person in gone]})

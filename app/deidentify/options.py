@@ -47,8 +47,9 @@ class DeidentifyOptions:
 
     donor: str = option(
         "auto",
-        "The faces that are shown: a different fictional one for each; the same, or the same average of K, for all "
-        f"people of all files; a different average of K for each; or one for all: {FACE_HELP}.",
+        "The faces that are shown. auto: a different fictional one for each person; same, average:K: one for all "
+        "people of all files, fictional or the average of K; mean:K: a different average of K for each; or one of "
+        f"your choice for all: {FACE_HELP}.",
         name="--identity",
         metavar="auto|same|average:K|mean:K|FACE",
     )
@@ -62,33 +63,35 @@ class DeidentifyOptions:
     )
     cover_strength: int = option(
         1,
-        "How much mosaic and blur hide, 1 to 5: at 1 the mean colours of six cells across stay, at 5 of two.",
+        "How much mosaic and blur hide, 1 to 5: 1 leaves the mean colours of six cells across, 5 of two.",
         least=1,
         most=5,
     )
     alpha: float = option(
         0.3,
-        "How much expression beyond the identity's own range is passed on, 0 to 1.",
+        "Strength of expressions that the identity never showed, 0 to 1.",
         least=0.0,
         most=1.0,
     )
     seed: int = option(0, "Seed for the choice of donors.")
     keyfile: Path | None = option(
         None,
-        "Remember people and their donors here, so that a person gets the same donor in other files.",
+        "Remember people in this file, so that each gets the same donor in other videos.",
         metavar="FILE",
     )
-    audio: Audio = option("keep", "Keep the sound, drop it, lower the voices, or disguise them as a whisper.")
+    audio: Audio = option(
+        "keep", "Keep the sound, drop it, mask voices by lowering them, or disguise them as a whisper."
+    )
     keep_metadata: bool = option(
         False, "Keep location, device, author, times, comments and other data streams."
     )
-    label: bool = option(False, "Draw a visible label.")
+    label: bool = option(False, "Draw a label that says that the faces are synthetic.")
     certificate: Path | None = None
     key: Path | None = None
     encode: EncodeOptions = field(default_factory=_encoding)
     renderer: Literal["auto", "gl", "cpu"] = option("auto", "Which renderer draws the face.")
     audit: AuditExtent = option(
-        "sampled", "Search some frames of the original and the output for faces, or all."
+        "sampled", "Search some frames of the original and the output for faces that are left, or all."
     )
     detector: str | None = option(
         None,

@@ -86,31 +86,27 @@ class DrawingChoices:
 
     look: LookName = option(
         "swap",
-        "How the face is drawn: swap, as well as Guise can; or for comparison, and over hands, too, paper, by the "
-        "papers' plain formulas, or exact, by the first paper's as they stand.",
+        "How the face is drawn: swap is the best; paper (the papers' formulas) and exact (the first paper's to the "
+        "letter) are for comparison, and draw over hands.",
     )
     alpha: float = option(
         Look.alpha,
-        "How much expression beyond the identity's own range is passed on, 0 to 1.",
+        "Strength of expressions that the identity never showed, 0 to 1.",
         least=0.0,
         most=1.0,
     )
     eyes: Owner = option(
         "source",
-        "Eyeballs between the lids: the identity's (donor) or the person's own with the identity's iris colour "
-        "(source).",
+        "Eyes between the lids: the identity's (donor), or the person's own in the identity's eye colour (source).",
     )
-    mouth: Owner = option(
-        "source", "Teeth and tongue between the lips: the identity's (donor) or the person's own."
-    )
+    mouth: Owner = option("source", "Teeth and tongue: the identity's (donor) or the person's own (source).")
     glasses: Glasses = option(
         "off",
-        "Glasses that the identity was enrolled with: off, or keep, which draws them up to the ears where the person "
-        "wears none.",
+        "The identity's glasses: off, or keep, which draws them where the person wears none.",
     )
     outline: float = option(
         0.0,
-        "How far the head's jaw line goes to the identity's, with what is near it, 0 to 1; 0 keeps the head's.",
+        "How far the jaw line moves to the identity's, 0 to 1; 0 keeps the person's.",
         least=0.0,
         most=1.0,
     )

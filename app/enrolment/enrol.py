@@ -132,8 +132,8 @@ def _of_one_person(clip: Path, points: F64, given: bool, number: int | None, say
     if len(people) > 1:
         seen = ", ".join(f"{person.number} in {len(person.frames)} frames" for person in people)
         say(
-            f"{clip.name} shows {len(people)} people: {seen}; {chosen.number} is learned; guise people find "
-            "draws them, guise enroll --person NUMBER learns another"
+            f"{clip.name} shows {len(people)} people: {seen}; enrolling {chosen.number}. guise people find "
+            "shows them, and guise enroll --person NUMBER enrolls another."
         )
     rows = chosen.landmarks(len(points))
     if not given:
@@ -171,7 +171,7 @@ def _clip_landmarks(index: int, clip: Path, landmarks: LandmarkSource, progress:
     except NoFaceError:
         if landmarks.files:
             raise
-        say(f"{file.name} beside {clip.name} holds no face, which is looked for instead")
+        say(f"{file.name} beside {clip.name} has no face in it: detecting the face instead")
         return _detected(clip, open_landmarker("builtin"), progress, say)
     if not landmarks.files:
         say(f"landmarks of {clip.name} from {file.name} beside it")

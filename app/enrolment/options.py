@@ -16,8 +16,8 @@ class TrainingChoices:
     """What of `TrainingOptions`, which takes long to import, a user may set; None stands for what is there."""
 
     frames: int | None = option(None, "Frames to train on; about 120 by default.", least=12)
-    resolution: int | None = option(None, "Texture resolution, pixels across the face.", least=32, most=512)
-    retain: float | None = option(None, "Share of variance to keep.", least=0.5, most=1.0)
+    resolution: int | None = option(None, "Pixels across the face in the model.", least=32, most=512)
+    retain: float | None = option(None, "Share of variance that the modes keep.", least=0.5, most=1.0)
     modes: int | None = option(None, "Number of modes to keep, instead of --retain.", least=1)
 
     def training(self) -> TrainingOptions:

@@ -60,7 +60,7 @@ def largest_face(rgb: U8, photo: str, say: Say) -> F64:
     if not faces:
         raise EnrolError(f"no face found in {photo}: use a photo that shows one from the front")
     if len(faces) > 1:
-        say(f"{photo} shows {len(faces)} faces; the largest is used: cut out another one to use that")
+        say(f"{photo} shows {len(faces)} faces; using the largest; crop the photo to use another")
     points: F64 = faces[0].points.astype("float64")
     eyes, turn = float(interocular(points)), SolidPrior.shipped().fit(points).pose.turn
     if visible_share(points, *rgb.shape[1::-1]) < MIN_VISIBLE_SHARE:

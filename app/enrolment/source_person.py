@@ -72,7 +72,7 @@ def keep_person(
     key = kept.video_key(media.path, *details) if settings.keep_people and details is not None else ""
     known = kept.cached(key, settings.say) if key and not anew else None
     if known is not None:
-        settings.say(f"{who} was enrolled before and is {known.name} of guise people list")
+        settings.say(f"Using the saved model '{known.name}' for {who}.")
         return known
     settings.say(f"enrolling {who}")
     made = learn()
@@ -84,10 +84,10 @@ def _kept(key: str, made: Identity, origin: str, who: str, settings: Learning) -
     try:
         path = kept.keep(key, made, origin)
     except OSError as error:
-        settings.say(f"the model of {who} is not kept for the next time: {error}")
+        settings.say(f"The model of {who} was not saved: {error}")
         return made
     settings.say(
-        f"the model of {who}, biometric data, is kept for the next time in {path.parent}: "
-        "guise people delete removes it"
+        f"Saved the model of {who} for next time in {path.parent}. It is biometric data: guise people delete "
+        "removes it."
     )
     return Identity.load(path)

@@ -31,7 +31,7 @@ class LiveSettings:
 
     identity: int = 0
     alpha: float = LIVE.alpha
-    mode: Mode = option("swap", "Swap, animate a still of the face, or cover.")
+    mode: Mode = option("swap", "Swap the face, animate a still of the identity (puppet), or cover (off).")
     mirror: bool = False
     side_by_side: bool = option(False, "Show the real face beside the result, in the window only.")
     mask: bool = False
@@ -91,7 +91,7 @@ class LiveOptions:
     size: tuple[int, int] = (1280, 720)
     fps: float = option(30.0, "Frames per second to ask the camera for.", least=1, most=240)
     loop: bool = option(False, "Repeat the file.")
-    enrol: bool = option(False, "Make a new model of the person in the picture.", name="--enroll")
+    enrol: bool = option(False, "Enroll the person again, even if their model is saved.", name="--enroll")
     settings: LiveSettings = field(default_factory=LiveSettings)
     look: Look = LIVE
     encode: EncodeOptions = field(default_factory=_encoding)

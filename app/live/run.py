@@ -172,7 +172,9 @@ class _RequestHandler:
             if request == "quit":
                 return False
             if request == "enrol" and self._config.cast:
-                self._say("Who else is here is covered: end, enroll them, and name them with --map.")
+                self._say(
+                    "Other people are covered: to show a face on them, too, enroll them and name them with --map."
+                )
             elif request == "enrol" and self._session is not None:
                 self._session.enrol()
             if request == "record":
@@ -243,6 +245,6 @@ def _person(
 
 def _keep(camera: str, made: Identity, say: Say) -> None:
     say(
-        f"your model, biometric data, is kept in {kept.keep(camera, made)}: guise people delete removes it, "
-        "--enroll makes a new one"
+        f"Saved your model in {kept.keep(camera, made)}. It is biometric data: guise people delete removes it, and "
+        "--enroll makes a new one."
     )

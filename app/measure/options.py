@@ -36,7 +36,7 @@ class MeasureOptions:
     )
     reports: tuple[Path, ...] = option(
         (),
-        "The report of an output by `guise deidentify`: what was done with each face.",
+        "A report that `guise deidentify` wrote of an output; may be repeated.",
         name="--output-report",
         metavar="NAME.report.json",
     )

@@ -67,7 +67,7 @@ def cached(key: str, say: Callable[[str], None] = mute) -> Identity | None:
     try:
         return Identity.load(path)
     except ModelError as error:
-        say(f"a model that was kept is not used: {error}")
+        say(f"A saved model is ignored: {error}")
         return None
 
 

@@ -53,8 +53,8 @@ def enrol_photos(
     require_free(output, force=force)
     start, number = time.perf_counter(), "one photo" if len(photos) == 1 else f"{len(photos)} photos"
     say(
-        f"learned from {number}: teeth, shut lids and turned views are guessed, a clip of 10 seconds is better; use it "
-        "only if the person agrees"
+        f"Enrolled from {number}: teeth, closed eyes and turned views are guessed; a 10-second clip is better. Use it "
+        "only with the person's consent."
     )
     pictures = [srgb(read_deep(photo)) for photo in photos]
     shapes = [largest_face(rgb, photo.name, say) for rgb, photo in zip(pictures, photos, strict=True)]

@@ -210,5 +210,5 @@ def _detect_landmarks(path: Path, image: DeepImage, option: str, landmarker: Lan
             f"with {option}"
         )
     if len(faces) > 1:
-        say(f"{path.name} shows {len(faces)} faces; the largest is used: choose another one with {option}")
+        say(f"{path.name} shows {len(faces)} faces; using the largest; choose another with {option}")
     return faces[0].points.astype(np.float64)

@@ -22,7 +22,7 @@ class AnalogyOptions:
     )
     mouth: Literal["fill", "none"] = option(
         "fill",
-        "What an opening mouth shows: teeth and tongue of S1, or the stretched lips of T.",
+        "What an opening mouth shows: the teeth and tongue of S1 (fill), or the stretched lips of T (none).",
         name="--open-mouth",
     )
     strength: float = option(1.0, "Strength of the expression; 1 leaves it as it is.", least=0.0, most=2.0)

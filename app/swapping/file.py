@@ -46,7 +46,7 @@ def swap_file(
     """
     one_heap()
     for sentence in identity.facts.get("weaknesses", ()):
-        settings.say(f"{identity.name} was enrolled from a clip that can be better: {sentence}")
+        settings.say(f"{identity.name} could be enrolled from a better clip: {sentence}")
     say_consent([identity], settings.say)
     with open_input(video, settings.hwaccel, settings.read) as media:
         tags = synthetic_tags(identity.facts.get("made_from"))

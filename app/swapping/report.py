@@ -86,7 +86,7 @@ def say_consent(faces: Iterable[Identity], say: Say) -> None:
     """Say of whom nothing but a photo lends a face."""
     for face in faces:
         if face.facts.get("made_from") == "one photo":
-            say(f"{face.name} is known from one photo: use it only if the person agrees")
+            say(f"{face.name} was enrolled from one photo: use it only with the person's consent")
 
 
 class SwapError(GuiseError):
