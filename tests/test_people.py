@@ -176,12 +176,10 @@ def test_a_face_is_named_by_file_gallery_or_person(person: Identity, tmp_path: P
     assert open_face(str(model_file("p01"))).name == "p01"
     picture = tmp_path / "face.jpg"
     picture.write_bytes(b"")
-    with pytest.raises(
-        GuiseError, match=r"face.jpg is not a model of a face: make one from it with: guise enroll"
-    ):
+    with pytest.raises(GuiseError, match=r"face.jpg is not an image that can be read"):
         open_face(str(picture))
     with pytest.raises(
-        GuiseError, match=r"there is no face Bob: give NAME.guise, or one of Luca, .*, Omar, Ann"
+        GuiseError, match=r"there is no face Bob: give NAME.guise, a photo, or one of Luca, .*, Omar, Ann"
     ):
         open_face("Bob")
 
