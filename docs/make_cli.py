@@ -85,7 +85,7 @@ Options that are given every time, in the folder where the command is run or in 
 .SH ENVIRONMENT
 .TP
 GUISE_PEOPLE
-The folder in which people are kept.
+The folder in which people are saved.
 .TP
 GUISE_SETTINGS
 The user's folder of settings.

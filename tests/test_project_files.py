@@ -1,6 +1,8 @@
 """The files around the code agree with it: version, Python versions, scripts of the build, the README's commands."""
 
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -32,6 +34,16 @@ def test_every_supported_python_is_tested_and_declared() -> None:
 
 def test_the_workflow_runs_the_check_that_developers_run() -> None:
     assert "run: .ci/run" in read(".github/workflows/ci.yml")
+
+
+def test_a_release_has_the_version_of_its_tag() -> None:
+    """The workflow compares a tag with what this prints, and builds what it drafts."""
+    steps = read(".github/workflows/release.yml")
+    [code] = re.findall(r"version=\$\(python -c '(.*)'\)", steps)
+    told = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == VERSION
+    assert 'test "$GITHUB_REF_NAME" = "v$version"' in steps
+    assert steps.index("python -m build") < steps.index("doctor") < steps.index("gh release create")
 
 
 def test_the_readme_lists_every_command_in_its_group() -> None:

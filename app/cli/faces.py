@@ -39,7 +39,7 @@ ModelOutput = Annotated[
         "--output",
         "-o",
         metavar="NAME.guise",
-        help="The model file to write; default: the person is kept by name, see `guise people`.",
+        help="The model file to write; default: the person is saved by name; see `guise people`.",
     ),
 ]
 Name = Annotated[str | None, typer.Option(help="The person's name; default: that of the file.")]

@@ -1,4 +1,4 @@
-"""The commands `guise people`: who is kept on this computer."""
+"""The commands `guise people`: who is in a video, and who is saved on this computer."""
 
 from __future__ import annotations
 

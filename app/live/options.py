@@ -79,7 +79,7 @@ class LiveOptions:
     )
     source: str | None = option(
         None,
-        "Model of the person in the picture; default: the one kept for this camera or file, or a new one.",
+        "Model of the person in the picture; default: the one saved for this camera or file, or a new one.",
         metavar="SRC",
     )
     outputs: tuple[str, ...] = option(
