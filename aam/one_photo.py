@@ -1,8 +1,9 @@
 """A person's model from one photo, or a few: what they show, and how a face like it moves.
 
 A photo shows one expression.  The prior of solid shapes tells the points of the face at rest; what the expression does
-to the skin is that of other people, in the photo's tone, and is taken out of its texture.  What no photo shows is
-guessed: teeth and tongue, the face with lids shut, and turned views.  Pixels, x right, y down; RGB 0..255.
+to the skin is that of other people, in the photo's tone, and is taken out of its texture.  The far half of a turned
+face is filled from the near one.  What no photo shows is guessed: teeth and tongue, the face with lids shut, and turned
+views.  Pixels, x right, y down; RGB 0..255.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ from guise.aam.similarity import Failed
 from guise.aam.solid_shape import SolidPrior
 from guise.aam.tracker import FEATURE_RESOLUTION, cut
 from guise.aam.tracker_training import TrackerOptions, bent, train_tracker
-from guise.aam.training import TrainingError, detailed, feature_mask, observe, parsed_face, with_what_faced
+from guise.aam.training import TrainingError, detailed, feature_mask, observe, parsed_face
+from guise.aam.turned_texture import completed
 from guise.aam.view_textures import changing
 from guise.aam.views import Views
 from guise.common.arrays import F32, F64, U8
@@ -58,16 +60,15 @@ def person_in_photo(rgb: U8, points: F64, name: str, like: Identity) -> Identity
     if isinstance(seen, Failed):
         raise TrainingError(f"{name} cannot be learned from this photo: {seen.reason}")
     mask = learn_mask(seen.texture[None], reference, parsed_face([seen], reference))
-    texture = with_what_faced(seen.texture, seen.texture[None], shape[None], reference)
-    components = toned(like, texture)
+    components = toned(like, seen.texture)
     shown, still = (
-        appearance_vectors(one[None], texture[None], reference)[0] for one in (shape, at_rest(shape))
+        appearance_vectors(one[None], seen.texture[None], reference)[0] for one in (shape, at_rest(shape))
     )
     neutral = still - _movement(components, (shown - still)[:SHAPE_ENTRIES], reference)
     appearance = AppearanceModel(reference, replace(components, mean=neutral), neutral, mask)
     appearance, detail = detailed(appearance, [seen])
     facts = {"frames": 1, "views": Views.of([shape]).as_facts(), KNOWN_REST: False}
-    return Identity(name, appearance, like.tracker, detail, RestFrame(rgb, shape), facts)
+    return completed(Identity(name, appearance, like.tracker, detail, RestFrame(rgb, shape), facts))
 
 
 def at_rest(points: F64) -> F64:

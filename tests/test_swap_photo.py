@@ -7,16 +7,19 @@ import numpy as np
 import pytest
 from made_up import SAMPLES
 
-from guise.aam.one_photo import at_rest
+from guise.aam.mask import skin_mask
+from guise.aam.one_photo import at_rest, person_in_photo
 from guise.aam.recognition import cosine_similarity
+from guise.aam.reference import ReferenceFrame
 from guise.aam.solid_shape import HeadPose, SolidPrior
+from guise.aam.tracker_training import turn_head
 from guise.app.cli.main import main
 from guise.app.media import Frame, open_input
 from guise.app.media.images import read_deep
 from guise.app.media.pictures import save_picture
 from guise.app.people.found import people_in_photo
 from guise.app.photos.swap import swap_photo
-from guise.app.swapping.donors import open_face
+from guise.app.swapping.donors import anybody, open_face
 from guise.app.swapping.several import Casting
 from guise.common.arrays import U8
 
@@ -99,6 +102,18 @@ def test_a_donor_without_a_face_is_one_sentence(
     arguments = [str(photos["p01"]), "--identity", str(tmp_path / "wall.png")]
     assert main(["swap", *arguments, "-o", str(tmp_path / "out.png")]) == 2
     assert capsys.readouterr().err.startswith("error: no face found in wall.png")
+
+
+def test_a_turned_face_is_skin_all_over() -> None:
+    rgb = first_frame("p01")
+    points = people_in_photo(Frame.from_rgb(rgb)).people[0].points[0].astype(np.float64)
+    turned, shape = rgb.copy(), points.copy()
+    frame = ReferenceFrame.canonical()
+    for channel in range(3):
+        turned[..., channel], shape = turn_head(rgb[..., channel], points, frame, 30.0)
+    texture = person_in_photo(turned, shape, "Ann", anybody()).appearance.neutral_texture
+    skin = skin_mask(anybody().reference)[anybody().reference.mask]
+    assert texture[skin].max(1).min() > 0.3 * np.median(texture[skin])
 
 
 @pytest.mark.parametrize("mode", range(3))
