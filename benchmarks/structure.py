@@ -404,24 +404,27 @@ def sample_person(name: str, quick: bool) -> Identity:
 def calls_a_frame(person: Identity, donor: Identity) -> tuple[float, list[tuple[str, float]]]:
     """Calls a frame, and how many of them are of Python, of C, and from each file."""
     counts: Counter[tuple[str, str]] = Counter()
+    counted = threading.Event()
 
     def count(frame: FrameType, event: str, _: object) -> None:
-        if event in ("call", "c_call"):
+        if event in ("call", "c_call") and counted.is_set():
             file = Path(frame.f_code.co_filename)
             counts[event, "/".join(file.parts[-2:])] += 1
 
     clip = SAMPLES / "p01" / "talk2.mp4"
+    threading.setprofile(count)  # of the swapper's own thread, too, which it starts
     with guise.Swapper(donor, person, renderer="cpu") as swapper, open_input(clip) as media:
         for number, frame in enumerate(media, 1):
             picture = frame.rgb()
             if number in COUNTED_FRAMES:
-                threading.setprofile(count)
+                counted.set()
                 sys.setprofile(count)
             swapper(picture)
             sys.setprofile(None)
-            threading.setprofile(None)
+            counted.clear()
             if number == COUNTED_FRAMES[-1]:
                 break
+    threading.setprofile(None)
     share = {key: value / len(COUNTED_FRAMES) for key, value in counts.items()}
     parts: dict[str, float] = {}
     for (event, file), value in share.items():

@@ -18,38 +18,135 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from guise.aam.landmarks import Face
     from guise.aam.model import Identity
-    from guise.api import (
-        Swapper,
-        deidentify,
+    from guise.api.faces import (
+        delete_people,
         enroll,
-        landmarks,
+        find_people,
+        gallery,
+        info,
         load,
-        measure,
-        swap_file,
-        transfer_mesh,
-        transfer_photo,
+        people,
+        rename_person,
     )
+    from guise.api.heads import (
+        mesh_landmarks,
+        preview_mesh,
+        register_mesh,
+        transfer_mesh,
+        transfer_rig,
+        transfer_sequence,
+    )
+    from guise.api.hiding import Hidden, deidentify, measure, read_report, read_tracks
+    from guise.api.live import LiveFrame, LiveSession
+    from guise.api.options import preset
+    from guise.api.photos import animate_photo, transfer_photo
+    from guise.api.points import VideoFace, VideoLandmarks, landmarks, landmarks_file
+    from guise.api.tools import bench, demo, doctor, studio
+    from guise.api.videos import Swapper, puppet_file, swap_file, swap_photo
+    from guise.api.vocabulary import Cancelled
     from guise.common.errors import GuiseError
 
     __version__: str
 
 __all__ = [
+    "Cancelled",
     "Face",
     "GuiseError",
+    "Hidden",
     "Identity",
+    "LiveFrame",
+    "LiveSession",
     "Swapper",
+    "VideoFace",
+    "VideoLandmarks",
+    "animate_photo",
+    "bench",
     "deidentify",
+    "delete_people",
+    "demo",
+    "doctor",
     "enroll",
+    "find_people",
+    "gallery",
+    "info",
     "landmarks",
+    "landmarks_file",
     "load",
     "measure",
+    "mesh_landmarks",
+    "people",
+    "preset",
+    "preview_mesh",
+    "puppet_file",
+    "read_report",
+    "read_tracks",
+    "register_mesh",
+    "rename_person",
+    "studio",
     "swap_file",
+    "swap_photo",
     "transfer_mesh",
     "transfer_photo",
+    "transfer_rig",
+    "transfer_sequence",
 ]
 
 _FORMER = {"enrol": "enroll"}  # names of 0.2, which go with 0.3
-_HOMES = {"Face": "guise.aam.landmarks", "GuiseError": "guise.common.errors", "Identity": "guise.aam.model"}
+_HOMES = {
+    "guise.aam.landmarks": ("Face",),
+    "guise.aam.model": ("Identity",),
+    "guise.common.errors": ("GuiseError",),
+    "guise.api.faces": (
+        "delete_people",
+        "enroll",
+        "find_people",
+        "gallery",
+        "info",
+        "load",
+        "people",
+        "rename_person",
+    ),
+    "guise.api.heads": (
+        "mesh_landmarks",
+        "preview_mesh",
+        "register_mesh",
+        "transfer_mesh",
+        "transfer_rig",
+        "transfer_sequence",
+    ),
+    "guise.api.hiding": (
+        "Hidden",
+        "deidentify",
+        "measure",
+        "read_report",
+        "read_tracks",
+    ),
+    "guise.api.live": ("LiveFrame", "LiveSession"),
+    "guise.api.options": ("preset",),
+    "guise.api.photos": (
+        "animate_photo",
+        "transfer_photo",
+    ),
+    "guise.api.points": (
+        "VideoFace",
+        "VideoLandmarks",
+        "landmarks",
+        "landmarks_file",
+    ),
+    "guise.api.tools": (
+        "bench",
+        "demo",
+        "doctor",
+        "studio",
+    ),
+    "guise.api.videos": (
+        "Swapper",
+        "puppet_file",
+        "swap_file",
+        "swap_photo",
+    ),
+    "guise.api.vocabulary": ("Cancelled",),
+}
 
 
 def __getattr__(name: str) -> Any:
@@ -64,7 +161,8 @@ def __getattr__(name: str) -> Any:
         return __getattr__(_FORMER[name])
     if name not in __all__:
         raise AttributeError(f"module 'guise' has no attribute {name!r}")
-    value = getattr(import_module(_HOMES.get(name, "guise.api")), name)
+    home = next(module for module, names in _HOMES.items() if name in names)
+    value = getattr(import_module(home), name)
     globals()[name] = value
     return value
 

@@ -97,6 +97,26 @@ def test_python_on_the_page_runs(page: Path, samples: Path, monkeypatch: pytest.
         exec(compile(block, str(page), "exec"), names)
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("quick_training")
+def test_the_notebook_runs(samples: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(samples)
+    names: dict[str, Any] = {"__name__": "notebook"}
+    read = script("extract_code").cells(ROOT / "docs" / "examples" / "first_steps.ipynb")
+    for cell in read:
+        exec(compile(cell, "first_steps.ipynb", "exec"), names)
+    assert names["hidden"].picture.shape == names["frame"].shape
+
+
+def test_all_python_of_the_documentation_is_given_to_the_type_checker() -> None:
+    code = script("extract_code").code_of_pages()
+    examples = [path for path in (ROOT / "docs" / "examples").iterdir() if path.suffix in (".py", ".ipynb")]
+    pages = [page for page in PAGES if page.parent != ROOT / "benchmarks" and blocks(page, "python")]
+    assert len(code) == len(examples) + len(pages) > 10
+    assert all(block in "\n".join(code.values()) for page in pages for block in blocks(page, "python"))
+    assert "-p code_of_docs" in (ROOT / ".ci" / "types").read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize("line", command_lines())
 def test_commands_on_the_pages_exist_with_their_options(line: str) -> None:
     known = every_command()

@@ -47,7 +47,7 @@ ROOMS = {
     "app.tools": _SCIENCE - {"analogy"} | _PARTS,
     "app.studio": _SCIENCE | _PARTS | _WORK | _DEIDENTIFY,
     "app.cli": _SCIENCE | _PARTS | _WORK | _DEIDENTIFY | {"app.studio", "app.tools"},
-    "guise": _SCIENCE | _PARTS | _WORK | _DEIDENTIFY | {"app.cli"},
+    "guise": _SCIENCE | _PARTS | _WORK | _DEIDENTIFY | {"app.cli", "app.tools"},
 }
 MOST_ROOMS_IN_APP, MOST_ARROWS_IN_APP = 22, 95
 # A foreign library -> the rooms and modules that may import it.
@@ -58,7 +58,7 @@ OWNERS = {
     "pymetis": {"analogy/solver.py"},
     "moderngl": {"render"},
     "av": {"app/media"},
-    "PIL": {"app/media"},
+    "PIL": {"app/media", "guise/api/pictures.py"},
     "c2pa": {"app/media/provenance.py"},
     "cryptography": {"app/media/provenance.py"},
     "jinja2": {"app/deidentify/report/html.py"},
@@ -80,6 +80,7 @@ OWNERS = {
     "scipy": {"aam", "analogy", "app"},
     "cv2": {"aam", "analogy", "app", "common", "render"},
     "numpy": {"aam", "analogy", "app", "common", "render", "guise"},
+    "pandas": {"guise/api/points.py"},
 }
 
 

@@ -23,7 +23,7 @@ from guise.app.live.capture import FileCapture
 from guise.app.live.controls import Controls
 from guise.app.live.enrolment import OnScreenEnrolment
 from guise.app.live.output import OutputFrame
-from guise.app.live.session import LiveSession, SessionConfig
+from guise.app.live.session import LiveProcessor, SessionConfig
 from guise.app.live.stats import PipelineStats
 from guise.app.people import kept
 from guise.app.swapping.donors import open_donor
@@ -58,7 +58,7 @@ def run(
     config: SessionConfig, clip: Path, *, loop: bool = False
 ) -> Iterator[tuple[OutputFrame, NDArray[np.uint8]]]:
     """What is shown of each picture of a clip, with the picture before it was changed."""
-    work = LiveSession(config, Controls(len(config.identities)))
+    work = LiveProcessor(config, Controls(len(config.identities)))
     with one_thread(), FileCapture(clip, loop=loop, paced=False) as capture:
         try:
             for frame in capture:
@@ -105,7 +105,7 @@ def test_a_stranger_is_covered_and_then_swapped_while_they_are_still_enrolled(
 
 def test_ones_own_face_stays_covered_until_it_is_asked_for_again(face: Identity, p01: Identity) -> None:
     controls = Controls(2)
-    work, outcomes = LiveSession(SessionConfig([p01, face], p01), controls), []
+    work, outcomes = LiveProcessor(SessionConfig([p01, face], p01), controls), []
     with one_thread(), FileCapture(CLIP, loop=False, paced=False) as capture:
         for number, frame in enumerate(capture):
             shown = work.process(frame, 0.0, PipelineStats())

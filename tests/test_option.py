@@ -11,7 +11,7 @@ from guise.analogy.photo import Method as PhotoMethod
 from guise.analogy.photo import Mouth
 from guise.analogy.transfer import Method as MeshMethod
 from guise.app.cli.commands import command_line
-from guise.app.cli.options import Part, look_of, takes
+from guise.app.cli.options import Part, takes
 from guise.app.deidentify.options import DeidentifyOptions
 from guise.app.drawing.look import LIVE, LIVE_CHOICES, PAPER, SWAP, DrawingChoices
 from guise.app.landmarks.file import LandmarkOptions
@@ -89,10 +89,10 @@ def test_a_command_may_take_some_of_the_fields() -> None:
 
 
 def test_choices_are_what_the_engine_does_by_default() -> None:
-    assert look_of(DrawingChoices(), SWAP) == SWAP
-    assert look_of(LIVE_CHOICES, LIVE) == LIVE == LiveOptions().look == SessionConfig([], None).look
-    assert look_of(DrawingChoices(look="paper"), SWAP) == PAPER
-    assert look_of(DrawingChoices(look="exact"), LIVE) == replace(PAPER, exact=True)
+    assert DrawingChoices().of(SWAP) == SWAP
+    assert LIVE_CHOICES.of(LIVE) == LIVE == LiveOptions().look == SessionConfig([], None).look
+    assert DrawingChoices(look="paper").of(SWAP) == PAPER
+    assert DrawingChoices(look="exact").of(LIVE) == replace(PAPER, exact=True)
 
 
 def test_values_are_those_that_the_rooms_know() -> None:

@@ -360,7 +360,7 @@ def test_every_package_is_listed() -> None:
     folders = {
         path.parent.relative_to(ROOT) for folder in FOLDERS for path in (ROOT / folder).rglob("__init__.py")
     }
-    names = {".".join(("guise", *folder.parts)).removeprefix("guise.guise") or "guise" for folder in folders}
+    names = {".".join(("guise", *folder.parts)).replace("guise.guise", "guise") for folder in folders}
     assert set(PROJECT["tool"]["setuptools"]["packages"]) == names | {"guise.samples"}
 
 

@@ -12,8 +12,6 @@ from typer.core import TyperGroup
 from guise.app.cli.console import Stages
 from guise.app.cli.options import Force, Shown, Video, help_without_command, takes
 
-SHEET_COLUMNS = 6  # of people
-
 Name = Annotated[str, typer.Argument(metavar="NAME", help="A name of `guise people list`.")]
 
 
@@ -49,8 +47,8 @@ def find(
 ) -> None:
     """Find the people in a video and draw them with the numbers that `--map` and `--person` take."""
     from guise.app.media import open_input
-    from guise.app.media.pictures import labelled, save_picture, sheet
-    from guise.app.people.finding import find_people
+    from guise.app.media.pictures import save_picture
+    from guise.app.people.finding import find_people, people_sheet
     from guise.common.files import fitting_name, require_free
 
     output = output or Path(fitting_name(video.stem, "-people.png"))
@@ -67,10 +65,7 @@ def find(
         for p in found.people
     ]
     if rows:
-        pictures = [labelled(p.thumbnail, f"{p.number}: {len(p.frames)} frames") for p in found.people]
-        save_picture(
-            output, sheet([pictures[k : k + SHEET_COLUMNS] for k in range(0, len(pictures), SHEET_COLUMNS)])
-        )
+        save_picture(output, people_sheet(found))
         console.grid("", ["person", "frames", "from", "pixels wide"], rows)
     console.say(f"{output} shows them." if rows else f"Nobody is in {video} for long enough.")
     people = [
@@ -123,12 +118,9 @@ def rename(
     console: Shown,
 ) -> None:
     """Rename a person."""
-    from guise.app.people import kept
-    from guise.app.swapping.donors import gallery
+    from guise.app.swapping.donors import rename_kept
 
-    if new.strip() in gallery():
-        raise kept.PeopleError(f"{new.strip()} is a face of the gallery: choose another name")
-    person = kept.rename(name, new)
+    person = rename_kept(name, new)
     console.say(f"{name} is now {person.name}.")
     console.result(person.as_json())
 

@@ -120,7 +120,9 @@ def landmarks_file(
         )  # closed last: it appears only when the overlay is complete
         sink = _sink(outputs, media, options)
         work = _FrameWork(
-            _VideoFaces(landmarker, media, options.min_confidence, smooth), file, sink is not None
+            VideoFaces(landmarker, media.kind == "video", options.min_confidence, smooth),
+            file,
+            sink is not None,
         )
         total = media.frame_count or 0
         with one_thread():
@@ -146,16 +148,15 @@ class _Known:
     lift: BrowLift = field(default_factory=BrowLift)
 
 
-class _VideoFaces:
-    """The faces of each frame, their turn and irises: tracked and filtered in a video, detected in each picture."""
+class VideoFaces:
+    """The faces of each frame, their turn and irises: tracked in a video, which moves, or detected in each picture.
 
-    def __init__(
-        self, landmarker: Landmarker, source: MediaInput, min_confidence: float, smooth: bool
-    ) -> None:
+    smooth : filter the points of a track over time.
+    """
+
+    def __init__(self, landmarker: Landmarker, moves: bool, min_confidence: float, smooth: bool) -> None:
         self._landmarker, self._min_confidence, self._smooth = landmarker, min_confidence, smooth
-        self._tracker = (
-            MultiFaceTracker(landmarker, TrackingLimits(min_confidence)) if source.kind == "video" else None
-        )
+        self._tracker = MultiFaceTracker(landmarker, TrackingLimits(min_confidence)) if moves else None
         self._known: dict[int, _Known] = {}
         self._parser = FaceParser()
 
@@ -189,7 +190,7 @@ class _VideoFaces:
 class _FrameWork:
     """Finds the faces of a frame, writes them, draws them onto it and counts them."""
 
-    def __init__(self, find: _VideoFaces, file: LandmarkFile, draw: bool) -> None:
+    def __init__(self, find: VideoFaces, file: LandmarkFile, draw: bool) -> None:
         self._find, self._file, self._draw = find, file, draw
         self.with_face = self.faces = 0
         self.tracks: set[int] = set()

@@ -16,12 +16,13 @@ from guise.app.enrolment.source_person import source_person
 from guise.app.live.capture import CameraCapture, Capture, FileCapture
 from guise.app.live.controls import Controls
 from guise.app.live.face import MAX_PEOPLE, CastMember
+from guise.app.live.feeds import Program
 from guise.app.live.options import LiveOptions
 from guise.app.live.output import Output, OutputFrame
 from guise.app.live.overlay import Overlay
 from guise.app.live.pipeline import Pipeline
 from guise.app.live.recorder import Recordings, VideoRecorder, snapshot
-from guise.app.live.session import LiveSession, SessionConfig
+from guise.app.live.session import LiveProcessor, SessionConfig
 from guise.app.live.stats import PipelineStats
 from guise.app.live.window import Window
 from guise.app.media.input import VideoInput
@@ -99,8 +100,12 @@ class Notices:
         return self._last if time.monotonic() < self._until else ""
 
 
-def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveReport:
-    """Run until the input ends or the user quits.
+def run_live(
+    options: LiveOptions, *, progress: Progress, say: Say, program: Program | None = None
+) -> LiveReport:
+    """Run until the input ends, the user quits or the program says so.
+
+    program : what a program that calls gives and takes, in place of the camera and beside the outputs.
 
     Raises
     ------
@@ -108,6 +113,7 @@ def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveRepor
         For mistakes of the user.
     """
     _check(options)
+    program = program or Program()
     notices = Notices(say)
     say = notices.say
     cast = [CastMember(open_face(who), [open_face(face)]) for who, face in options.cast.items()]
@@ -115,19 +121,19 @@ def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveRepor
     identities = [face for member in cast for face in member.faces] or identities
     controls = Controls(len(identities), options.settings)
     with contextlib.ExitStack() as stack, one_thread():
-        capture = stack.enter_context(_capture(options, say))
+        capture = stack.enter_context(program.capture or _capture(options, say))
         recordings, snapshots = Recordings(Path.cwd(), options.encode, say), Snapshots(Path.cwd(), say)
         outputs = [_output(name, options, capture, controls, identities, say) for name in options.outputs]
         for output in outputs:
             output.check()
-        outputs += _sound(options, capture, say)
+        outputs += [*program.outputs, *_sound(options, capture, say)]
         person = None if cast else _person(options, capture, identities[0], progress, say)
         config = SessionConfig(
-            identities, person, cast, name=capture.name, keep=lambda made: _keep(capture.name, made, say),
+            identities, person, cast, name=capture.name or "me", keep=lambda made: _keep(capture.name, made, say),
             look=options.look, recording=lambda: recordings.seconds, notice=notices.current,
             asks=capture.paced,
         )  # fmt: skip
-        requests = _RequestHandler(config, controls, recordings, snapshots, say)
+        requests = _RequestHandler(config, controls, recordings, snapshots, say, program.stopped)
         pipeline = Pipeline(
             capture, requests.make_session, [*outputs, recordings, snapshots], requests.handle
         )
@@ -155,14 +161,15 @@ class _RequestHandler:
         recordings: Recordings,
         snapshots: Snapshots,
         say: Say,
+        stopped: threading.Event,
     ) -> None:
-        self._config, self._controls, self._say = config, controls, say
+        self._config, self._controls, self._say, self._stopped = config, controls, say, stopped
         self._recordings, self._snapshots = recordings, snapshots
-        self._session: LiveSession | None = None
+        self._session: LiveProcessor | None = None
 
-    def make_session(self) -> LiveSession:
+    def make_session(self) -> LiveProcessor:
         """The session; called in the processing thread."""
-        self._session = LiveSession(self._config, self._controls)
+        self._session = LiveProcessor(self._config, self._controls)
         return self._session
 
     def handle(self) -> bool:
@@ -181,7 +188,7 @@ class _RequestHandler:
                 self._recordings.toggle()
             if request == "snapshot":
                 self._snapshots.take()
-        return True
+        return not self._stopped.is_set()
 
 
 def _check(options: LiveOptions) -> None:
@@ -239,11 +246,13 @@ def _person(
     if isinstance(capture, FileCapture):
         settings = SwapSettings(keep_people=True, progress=progress, say=say)
         return source_person(capture.media, LandmarkSource(), like, settings, anew=options.enrol)
-    known = None if options.enrol else kept.cached(capture.name, say)
+    known = None if options.enrol or not capture.name else kept.cached(capture.name, say)
     return known if known is not None and known.reference.id == like.reference.id else None
 
 
 def _keep(camera: str, made: Identity, say: Say) -> None:
+    if not camera:  # a program, which may show anybody
+        return
     say(
         f"Saved your model in {kept.keep(camera, made)}. It is biometric data: guise people delete removes it, and "
         "--enroll makes a new one."

@@ -69,7 +69,7 @@ class SessionConfig:
     asks: bool = True
 
 
-class LiveSession:
+class LiveProcessor:
     """Enrols, then swaps: a `guise.app.live.pipeline.FrameProcessor`."""
 
     def __init__(self, config: SessionConfig, controls: Controls) -> None:

@@ -31,6 +31,7 @@ from guise.aam.recognition import (
 )
 from guise.aam.reference import ReferenceFrame
 from guise.app.media import Frame, MediaInput
+from guise.app.media.pictures import labelled, sheet
 from guise.app.people.faces import SMALL_SIZE, CutDetector, SegmentFaces, SegmentTracker, detect_boxes
 from guise.app.people.found import (
     THUMBNAIL_PIXELS,
@@ -47,6 +48,7 @@ from guise.common.threads import one_thread
 # pairs of different people none.
 MIN_ALIKE = 0.68  # cosine of signatures, from which two pieces of a shot are of one person
 MAX_UNLIKE = 0.50  # below which a piece is of somebody else than the rest of its track
+SHEET_COLUMNS = 6  # of people in a row
 
 
 @dataclass(frozen=True)
@@ -383,3 +385,9 @@ def _jumped(last: F64, now: F64) -> bool:
     if not np.isfinite(last).all() or not np.isfinite(now).all():
         return True
     return not is_plausible_motion(last, now)
+
+
+def people_sheet(found: VideoPeople) -> U8:
+    """A picture (h, w, 3) of the people with their numbers."""
+    pictures = [labelled(p.thumbnail, f"{p.number}: {len(p.frames)} frames") for p in found.people]
+    return sheet([pictures[k : k + SHEET_COLUMNS] for k in range(0, len(pictures), SHEET_COLUMNS)])

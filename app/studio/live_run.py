@@ -15,7 +15,7 @@ from guise.app.live.microphone import Microphone
 from guise.app.live.output import Output, OutputFrame
 from guise.app.live.pipeline import Pipeline
 from guise.app.live.recorder import Recordings, snapshot
-from guise.app.live.session import LiveSession, SessionConfig
+from guise.app.live.session import LiveProcessor, SessionConfig
 from guise.app.live.stats import PipelineStats
 from guise.common.failures import explain, trace
 from guise.common.threads import one_thread
@@ -114,8 +114,8 @@ class LiveRun:
             trace(error)
             self._say(explain(error)[0])
 
-    def _make_session(self) -> LiveSession:
-        return LiveSession(self._config, self._controls)
+    def _make_session(self) -> LiveProcessor:
+        return LiveProcessor(self._config, self._controls)
 
     def _say(self, sentence: str) -> None:
         """Add a sentence for the user, without the folder, which is temporary."""

@@ -29,7 +29,7 @@ from guise.aam.averaging import average
 from guise.aam.model import Identity, ModelError
 from guise.aam.recognition import MIN_SAME_PERSON_SIMILARITY, SIGNATURE_LENGTH, cosine_similarity, signature
 from guise.app.media.file_kind import has_image_name
-from guise.app.people.kept import everybody
+from guise.app.people.kept import KeptPerson, PeopleError, everybody, rename
 from guise.common.arrays import F32
 from guise.common.files import write_whole
 
@@ -157,6 +157,13 @@ def face_spec(face: str) -> str:
             f"{', '.join([*FIRST_NAMES.values(), *people])}"
         )
     return id
+
+
+def rename_kept(name: str, new: str) -> KeptPerson:
+    """Give somebody who is kept another name.  PeopleError when it is taken, or there is no such person."""
+    if new.strip() in gallery():
+        raise PeopleError(f"{new.strip()} is a face of the gallery: choose another name")
+    return rename(name, new)
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.enrolment.source_person import source_person
 from guise.app.live.capture import FileCapture
 from guise.app.live.controls import Controls
-from guise.app.live.session import LiveSession, SessionConfig
+from guise.app.live.session import LiveProcessor, SessionConfig
 from guise.app.live.stats import PipelineStats
 from guise.app.swapping.donors import open_donor
 from guise.app.swapping.report import SwapSettings
@@ -39,7 +39,7 @@ def shares(
     video: Path, truths: list[Truth], config: SessionConfig, interval: int, outcomes: Counter[str]
 ) -> Iterator[Share]:
     """For each processed frame and each true face in it, how much of it was changed; outcomes are counted."""
-    session = LiveSession(config, Controls())
+    session = LiveProcessor(config, Controls())
     try:
         with FileCapture(video, paced=False) as capture:
             for frame in capture:

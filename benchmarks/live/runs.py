@@ -18,7 +18,7 @@ from guise.app.live.controls import Controls
 from guise.app.live.output import Output, OutputFrame
 from guise.app.live.overlay import Overlay
 from guise.app.live.pipeline import Pipeline
-from guise.app.live.session import LiveSession, SessionConfig
+from guise.app.live.session import LiveProcessor, SessionConfig
 from guise.app.live.stats import PipelineStats
 from guise.app.live.window import Window
 from guise.app.swapping.donors import open_donor
@@ -95,7 +95,7 @@ def window() -> Window:
 def played(scene: Scene, capture: Capture, outputs: Sequence[Output]) -> PipelineStats:
     """Swap what a capture gives until it ends."""
     config, controls = SessionConfig([scene.donor], scene.person), Controls()
-    return Pipeline(capture, lambda: LiveSession(config, controls), outputs).run()
+    return Pipeline(capture, lambda: LiveProcessor(config, controls), outputs).run()
 
 
 @contextlib.contextmanager
