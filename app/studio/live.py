@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from nicegui import app as nicegui_app
-from nicegui import events, ui
+from nicegui import background_tasks, events, ui
 from starlette.websockets import WebSocket
 
 from guise.app.live.capture import CameraCapture, Capture, FileCapture
@@ -93,6 +93,7 @@ class _LivePage:
         self._timer = ui.timer(UPDATE_SECONDS, self._poll, active=False)
         self._mesh_timer = ui.timer(MESH_SECONDS, self._draw_mesh, active=False)
         self._update_state()
+        background_tasks.create(asyncio.to_thread(self._cast.prepare), name="prepare live")
 
     def _update_state(self) -> None:
         """Update buttons, pictures and texts to the state of the run."""

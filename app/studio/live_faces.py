@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 
 from guise.aam.model import Identity
 from guise.aam.recognition import cosine_similarity, signature
+from guise.app.drawing.donor import Donor
 from guise.app.live.controls import Controls
 from guise.app.live.options import LiveSettings
 from guise.app.live.session import SessionConfig
@@ -15,6 +17,7 @@ from guise.app.people.kept import free_name
 from guise.app.studio.dialogs import confirm
 from guise.app.studio.site import Studio
 from guise.app.swapping.donors import MODEL_SUFFIX, open_donor
+from guise.common.errors import GuiseError
 
 NOBODY = ""  # instead of a person's id: enrol
 FACE = "live_face"  # the setting: whose face is shown first, chosen on the page People
@@ -52,9 +55,20 @@ class LiveCast:
 
     def session(self, person: str) -> SessionConfig:
         """Load the models for a person, or for somebody to be enrolled.  ModelError when one cannot be used."""
-        faces = [Identity.load(face) if is_somebodys(face) else open_donor(face) for face in self.faces]
+        faces = self._opened
         known = Identity.load(self.studio.store.person(person).path) if person else None
         return SessionConfig(faces, known, name="Me", keep=self._keep, meet=partial(self._propose, faces))
+
+    def prepare(self) -> None:
+        """Load what a first swap would wait for; a model that cannot be used is told of when the run begins."""
+        import scipy.ndimage  # noqa: F401  of the training, a quarter of a second
+
+        with suppress(GuiseError):
+            Donor.of(self._opened[self.controls.settings.identity])
+
+    @cached_property
+    def _opened(self) -> list[Identity]:
+        return [Identity.load(face) if is_somebodys(face) else open_donor(face) for face in self.faces]
 
     async def choose(self, number: int) -> None:
         """Show a face; one that may be the user's own only after they agree."""
