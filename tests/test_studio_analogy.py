@@ -12,6 +12,7 @@ from clips import cut
 from made_up import SAMPLES
 from studio_browser import StudioServer, browser, page, studio_server, visit  # noqa: F401
 
+from guise.analogy.feature_points import FEATURE_POINT_NAMES, find_feature_points, load_feature_points
 from guise.analogy.formats.files import read_mesh, read_rig
 from guise.app.media import open_input
 from guise.app.media.images import read_deep
@@ -111,6 +112,34 @@ def test_a_head_gets_the_expressions_of_another_and_both_can_be_turned(desk: Any
     assert one.shape == rest.shape
     assert 0.02 < np.linalg.norm(one - rest, axis=1).max() < 1
     _turn(desk)
+
+
+def test_a_landmark_is_placed_by_a_click_on_the_head(desk: Any, studio_server: StudioServer) -> None:
+    desk.get_by_role("tab", name="Heads").click()
+    upload(desk, "Target", HEADS / "other.obj")
+    desk.get_by_role("button", name="Landmarks of the target").click()
+    scene = desk.get_by_role("img", name="click to place the landmark")
+    scene.wait_for(timeout=LONG)
+    desk.get_by_text("20 of 20 are placed.").wait_for()
+    desk.get_by_role("combobox", name="Landmark", exact=True).click()
+    desk.get_by_role("option", name="nose tip").click()
+    id = int(scene.get_attribute("id").removeprefix("c"))
+    desk.wait_for_function(
+        "(id) => [...getElement(id).objects.values()].filter((o) => o.mesh).length > 21", arg=id
+    )
+    desk.wait_for_timeout(1500)
+    box = scene.bounding_box()
+    desk.mouse.click(box["x"] + 0.53 * box["width"], box["y"] + 0.5 * box["height"])
+    desk.wait_for_timeout(500)
+    desk.get_by_role("button", name="Save").click()
+    desk.get_by_text("the next transfer uses these landmarks").wait_for()
+    (file,) = (studio_server.folder / "uploads").glob("*.landmarks.json")
+    mesh = read_mesh(HEADS / "other.obj").mesh
+    points, found = load_feature_points(file, mesh), find_feature_points(mesh)
+    moved = np.linalg.norm(points.positions - found.positions, axis=1)
+    nose = FEATURE_POINT_NAMES.index("nose_tip")
+    assert 0.01 < moved[nose] < 1
+    assert np.delete(moved, nose).max() < 1e-3
 
 
 def _turn(desk: Any) -> None:

@@ -10,12 +10,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from nicegui import ui
 
+from guise.app.meshes.points import AUTO
 from guise.app.studio.analogy_jobs import MONTAGE, PICTURE, SOURCE, TARGET, ZIP, head, photo
 from guise.app.studio.dialogs import confirm
 from guise.app.studio.file_picker import FilePicker
+from guise.app.studio.head_points import BACKGROUND, Standing, edit_points, points_file
 from guise.app.studio.site import Studio, advanced, choice_row, heading, page, script, show_job
 from guise.app.studio.store import JobRow, StudioError
 from guise.app.studio.uploads import CLIP, MESH
@@ -36,8 +37,6 @@ HEAD_INTRO = (
     "landmarks: faces are found."
 )
 HALF_DISTANCE_HEADS = 0.62  # of a head from the middle of the scene, in head heights
-Z_UP = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], float)  # from (right, up, forward) to the scene's axes
-BACKGROUND = "#1b1d20"
 
 
 def register(studio: Studio) -> None:
@@ -173,21 +172,34 @@ class _HeadForm(_AnalogyForm):
                     self.studio, "Expressions", "Its expressions, unless it is a rig", (MESH,), several=True
                 )
                 self._target = FilePicker(self.studio, "Target", "Target: another head at rest", (MESH,))
+            with ui.row().classes("items-center"):
+                ui.label("Look at the landmarks, or place them yourself:")
+                for words, picker in (("source", self._source), ("target", self._target)):
+                    button = ui.button(f"Landmarks of the {words}", icon="place")
+                    button.on_click(partial(self._points, picker)).props("outline")
             self._keep_rigid = ui.switch("Keep eyes and teeth in place")
             with advanced():
                 self._method = choice_row("Method", HEAD_METHODS, next(iter(HEAD_METHODS)))
             ui.button("Transfer", on_click=lambda: self._start(self._about))
         self._results()
 
+    async def _points(self, picker: FilePicker) -> None:
+        if not picker.chosen:
+            raise StudioError("choose a head first")
+        await edit_points(self.studio, picker.chosen[0])
+
     def _about(self) -> dict[str, Any]:
         source, expressions, target = self._source.chosen, self._expressions.chosen, self._target.chosen
         if not source or not target:
             raise StudioError("choose a source and a target first")
         files = {str(row.path): row.name for row in (*source, *expressions, *target)}
+        placed = [points_file(one[0]) for one in (source, target)]
+        landmarks = [str(file) if file.exists() else AUTO for file in placed]
         return {
             "files": files, "source": str(source[0].path), "expressions": [str(row.path) for row in expressions],
             "target": str(target[0].path), "title": f"{target[0].name}, as {source[0].name}",
             "method": self._method.value, "keep_rigid": self._keep_rigid.value,
+            "landmarks": landmarks if set(landmarks) != {AUTO} else None,
         }  # fmt: skip
 
     def _result(self, job: JobRow, folder: Path) -> None:
@@ -226,9 +238,8 @@ class HeadScene:
             (-HALF_DISTANCE_HEADS, HALF_DISTANCE_HEADS),
             strict=True,
         )
-        with self._scene:
-            for file, stand, x in places:
-                self._heads.append(self._head(self._studio.url(self._folder / file), stand, x))
+        for file, view, x in places:
+            self._heads.append(Standing(view, x).place(self._scene, self._studio.url(self._folder / file)))
         with ui.row().classes("w-full items-center no-wrap"):
             options: dict[int, str] = {-1: "at rest"} | dict(enumerate(names))
             self._shape = ui.select(options, value=0, label="Expression", on_change=self._show).classes(
@@ -237,14 +248,6 @@ class HeadScene:
             self._amount = ui.slider(min=0, max=1.5, step=0.05, value=1.0, on_change=self._show)
             self._amount.props('label aria-label="Amount"')
         ui.label().bind_text_from(self._shape, "value", self._summary).classes("opacity-70")
-
-    def _head(self, url: str, stand: dict[str, Any], x: float) -> str:
-        """Id of a head that is placed upright at unit height."""
-        turned, scale = Z_UP @ np.array(stand["turned"]), 1 / stand["height"]
-        middle = scale * Z_UP @ np.array(stand["centre"])
-        made = self._scene.gltf(url).scale(scale).rotate_R(turned.tolist())
-        made.move(x - middle[0], -middle[1], -middle[2])
-        return made.id
 
     def _show(self) -> None:
         shape, amount = int(self._shape.value), float(self._amount.value)

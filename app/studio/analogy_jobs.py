@@ -56,14 +56,19 @@ def photo(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, 
 def head(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
     """Transfer expressions of a head to another.
 
-    about : files {path: name}; source, expressions (empty: its morph targets), target, paths; method, keep_rigid.
+    about : files {path: name}; source, expressions (empty: its morph targets), target, paths; method, keep_rigid;
+        landmarks, of both, files or "auto", or None.
     Returns the names of the expressions, the views of both heads, a sentence, and notes.
     """
     notes: list[str] = []
     context = RunContext(False, progress, notes.append)
     source, names, faces = _expressions(about, context)
     target = context.read(Path(about["target"]))
-    pair = prepare_pair(source, target, HeadOptions(about["method"], keep_rigid=about["keep_rigid"]), context)
+    landmarks = about.get("landmarks")
+    options = HeadOptions(
+        about["method"], landmarks=landmarks and tuple(landmarks), keep_rigid=about["keep_rigid"]
+    )
+    pair = prepare_pair(source, target, options, context)
     made, carried = transfer_all(pair, faces, [(name, name) for name in names], context)
     with context.stage(WRITING):
         write_rig(folder / SOURCE, source, names, np.array(faces))
@@ -109,12 +114,13 @@ def _views(pair: TransferPair) -> list[dict[str, Any]]:
     heads = pair.heads
     points = heads.points or (None, None)
     return [
-        _view(file.mesh.vertices, None if point is None else point.positions)
+        view_of(file.mesh.vertices, None if point is None else point.positions)
         for file, point in zip((heads.source, heads.target), points, strict=True)
     ]
 
 
-def _view(vertices: F64, points: F64 | None) -> dict[str, Any]:
+def view_of(vertices: F64, points: F64 | None) -> dict[str, Any]:
+    """How a head (N, 3) is turned upright, by its feature points (20, 3) if they are known, as in `head`'s result."""
     turned = HeadView.of(vertices, points).turned
     low, high = (turned @ vertices.T).min(1), (turned @ vertices.T).max(1)
     return {

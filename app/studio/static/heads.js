@@ -17,4 +17,14 @@ const guiseHeads = {
     }));
     if (heads.length < ids.length && tries) setTimeout(() => this.show(scene, ids, shape, amount, tries - 1), 100);
   },
+
+  // A drag turns a scene's heads; the click at its end is none.
+  still(scene) {
+    const place = getHtmlElement(scene);
+    let from;
+    place.parentElement.addEventListener("pointerdown", (event) => { from = event; }, true);
+    place.parentElement.addEventListener("click", (event) => {
+      if (Math.hypot(event.clientX - from.clientX, event.clientY - from.clientY) > 4) event.stopPropagation();
+    }, true);
+  },
 };
