@@ -56,7 +56,7 @@ def downloaded(desk: Any, words: str) -> bytes:
 
 
 def test_a_photo_gets_the_expression_of_another(desk: Any, photos: Path, tmp_path: Path) -> None:
-    for slot, name in (("S", "s"), ("S'", "s1"), ("T", "t")):
+    for slot, name in (("Photo 1", "s"), ("Photo 2", "s1"), ("Photo 3", "t")):
         upload(desk, slot, photos / f"{name}.png")
     desk.get_by_role("button", name="Create").click()
     desk.get_by_role("link", name="Download picture").wait_for(timeout=LONG)
@@ -74,8 +74,8 @@ def test_a_photo_gets_the_expression_of_another(desk: Any, photos: Path, tmp_pat
 
 
 def test_a_clip_moves_a_photo(desk: Any, photos: Path, tmp_path: Path) -> None:
-    upload(desk, "S'", cut("p01", tmp_path / "talk.mp4", 12))
-    upload(desk, "T", photos / "t.png")
+    upload(desk, "Photo 2", cut("p01", tmp_path / "talk.mp4", 12))
+    upload(desk, "Photo 3", photos / "t.png")
     desk.get_by_role("button", name="Create").click()
     desk.get_by_text("12 of 12 frames animated.").wait_for(timeout=LONG)
     assert b"ftyp" in downloaded(desk, "Download video")[:16]
@@ -83,13 +83,15 @@ def test_a_clip_moves_a_photo(desk: Any, photos: Path, tmp_path: Path) -> None:
 
 def test_what_is_missing_is_said(desk: Any, photos: Path) -> None:
     desk.get_by_role("button", name="Create").click()
-    desk.get_by_text("choose S' and T first").wait_for()
+    desk.get_by_text("choose photos 2 and 3 first").wait_for()
 
 
 def test_what_is_no_picture_is_refused(desk: Any, tmp_path: Path, studio_server: StudioServer) -> None:
     bad = tmp_path / "bad.png"
     bad.write_bytes(b"no picture")
-    desk.get_by_role("group", name="T", exact=True).locator("input[type=file]").set_input_files(str(bad))
+    desk.get_by_role("group", name="Photo 3", exact=True).locator("input[type=file]").set_input_files(
+        str(bad)
+    )
     desk.get_by_text("bad is not an image that can be read").wait_for()
     assert not list((studio_server.folder / "uploads").glob("*.part*"))
 
@@ -170,9 +172,9 @@ def test_a_job_tells_of_files_by_the_names_that_the_user_gave_them(
 ) -> None:
     empty = tmp_path / "wall.png"
     save_picture(empty, np.full((240, 320, 3), 128, np.uint8))
-    upload(desk, "S", photos / "s.png")
-    upload(desk, "S'", photos / "s1.png")
-    upload(desk, "T", empty)
+    upload(desk, "Photo 1", photos / "s.png")
+    upload(desk, "Photo 2", photos / "s1.png")
+    upload(desk, "Photo 3", empty)
     desk.get_by_role("button", name="Create").click()
     message = desk.get_by_role("status").filter(has_text="wall")
     message.wait_for(timeout=LONG)

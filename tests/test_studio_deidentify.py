@@ -201,7 +201,7 @@ def test_choices_are_kept(case: Any, studio_server: StudioServer, reviewed: str)
     case.get_by_role("button", name="Donor").click()
     case.get_by_role("button", name="Walter (fictional)").click()
     case.get_by_role("button", name="Donor: Walter (fictional)").wait_for()
-    case.locator("[role=slider][aria-label=Expression] [tabindex]").press("ArrowLeft")
+    case.locator("[role=slider][aria-label='Strength of expression'] [tabindex]").press("ArrowLeft")
     kept = studio_server.folder / "jobs" / reviewed.split("/")[-1] / "choices.json"
     wanted = {"cover": "mosaic", "audio": "drop", "alpha": 0.2}
     wait_until(case, lambda: json.loads(kept.read_text()).items() >= wanted.items())
@@ -210,7 +210,7 @@ def test_choices_are_kept(case: Any, studio_server: StudioServer, reviewed: str)
     assert pressed(case, "Mosaic")
     assert pressed(case, "Drop")
     case.get_by_role("button", name="Donor: Walter (fictional)").wait_for()
-    assert case.get_by_role("slider", name="Expression").get_attribute("aria-valuenow") == "0.2"
+    assert case.get_by_role("slider", name="Strength of expression").get_attribute("aria-valuenow") == "0.2"
 
 
 def test_a_video_without_faces_is_told_as_such(

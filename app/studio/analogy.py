@@ -17,7 +17,7 @@ from guise.app.studio.analogy_jobs import MONTAGE, PICTURE, SOURCE, TARGET, ZIP,
 from guise.app.studio.dialogs import confirm
 from guise.app.studio.file_picker import FilePicker
 from guise.app.studio.head_points import BACKGROUND, Standing, edit_points, points_file
-from guise.app.studio.site import Studio, advanced, choice_row, heading, page, script, show_job
+from guise.app.studio.site import Studio, advanced, choice_row, heading, page, script, sentence, show_job
 from guise.app.studio.store import JobRow, StudioError
 from guise.app.studio.uploads import CLIP, MESH
 from guise.app.studio.uploads import PICTURE as IMAGE
@@ -31,10 +31,10 @@ HEAD_METHODS = {
     "cloning": "Expression cloning",
 }
 MOUTHS = {"fill": "Filled", "none": "As in the paper"}
-PHOTO_INTRO = "S is to S' as T is to T': what turns S into S' is transferred to T, with wrinkles and shading."
+PHOTO_INTRO = "Copy the expression from photo 1 to 2 onto photo 3, with its wrinkles and shading."
 HEAD_INTRO = (
-    "The expressions of one head are transferred to another, whatever their numbers of vertices. You need not set "
-    "landmarks: faces are found."
+    "Copy the expressions of one head onto another, whatever their meshes. Guise finds the landmarks; you can place "
+    "them yourself."
 )
 HALF_DISTANCE_HEADS = 0.62  # of a head from the middle of the scene, in head heights
 
@@ -90,7 +90,7 @@ class _AnalogyForm:
         if not job.ended:
             show_job(self.studio, job.id, lambda _: self._results.refresh())
         elif job.state == "failed":
-            ui.label(job.sentence).props('role="status"')
+            ui.label(sentence(job.sentence)).props('role="status"')
         else:
             self._result(job, self.studio.store.folder_of(job.id))
             for note in (job.result["sentence"], *job.result["notes"]):
@@ -116,16 +116,23 @@ class _PhotoForm(_AnalogyForm):
         ui.label(PHOTO_INTRO).classes("mb-2")
         with ui.card().classes("w-full"):
             with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-3"):
-                self._s = FilePicker(self.studio, "S", "S: a person at rest", (IMAGE,))
-                self._s1 = FilePicker(self.studio, "S'", "S': with an expression, or a clip", (IMAGE, CLIP))
-                self._t = FilePicker(self.studio, "T", "T: another person at rest", (IMAGE,))
+                self._s = FilePicker(self.studio, "Photo 1", "Photo 1: somebody at rest", (IMAGE,))
+                self._s1 = FilePicker(
+                    self.studio,
+                    "Photo 2",
+                    "Photo 2: the same person with an expression, or a clip",
+                    (IMAGE, CLIP),
+                )
+                self._t = FilePicker(
+                    self.studio, "Photo 3", "Photo 3: who gets the expression, at rest", (IMAGE,)
+                )
             ui.label(
-                "With a clip, S is optional: the frame closest to a face at rest is used instead."
+                "With a clip, photo 1 can be left out: the frame nearest to a face at rest takes its place."
             ).classes("opacity-70")
             with ui.row().classes("items-center w-full no-wrap pr-4"):
-                ui.label("Strength").classes("w-24")
+                ui.label("Strength of expression").classes("w-48")
                 self._strength = ui.slider(min=0, max=1.5, step=0.1, value=1.0)
-                self._strength.props('label aria-label="Strength"')
+                self._strength.props('label aria-label="Strength of expression"')
             with advanced():
                 self._method = choice_row("Method", PHOTO_METHODS, next(iter(PHOTO_METHODS)))
                 self._mouth = choice_row("Open mouth", MOUTHS, next(iter(MOUTHS)))
@@ -135,10 +142,10 @@ class _PhotoForm(_AnalogyForm):
     def _about(self) -> dict[str, Any]:
         s, s1, t = self._s.chosen, self._s1.chosen, self._t.chosen
         if not s1 or not t:
-            raise StudioError("choose S' and T first")
+            raise StudioError("choose photos 2 and 3 first")
         moves = s1[0].kind == CLIP.name
         if not s and not moves:
-            raise StudioError("choose S first: it is optional only with a clip")
+            raise StudioError("choose photo 1 first: only a clip can do without it")
         files = {str(row.path): row.name for row in (*s, *s1, *t)}
         return {
             "files": files, "s": str(s[0].path) if s else None, "s1": str(s1[0].path), "t": str(t[0].path),
@@ -149,7 +156,9 @@ class _PhotoForm(_AnalogyForm):
     def _result(self, job: JobRow, folder: Path) -> None:
         made, title = folder / job.result["output"], job.about["title"]
         if made.name == PICTURE:
-            ui.image(self.studio.url(folder / MONTAGE)).props(f'alt="S, S\', T and the result of {title}"')
+            ui.image(self.studio.url(folder / MONTAGE)).props(
+                f'alt="Photos 1, 2, 3 and the result of {title}"'
+            )
             with ui.row():
                 self._link("Download picture", made, title)
                 self._link("Download all four", folder / MONTAGE, f"{title}, all")

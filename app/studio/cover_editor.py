@@ -16,7 +16,7 @@ from guise.app.studio.store import StudioError
 from guise.app.studio.videos import title
 
 COVERS_PER_PAGE = 24
-VIEWS = {"cover": "Keep", "leave": "Not a face", "swap": "A face: swap it"}
+VIEWS = {"cover": "Keep covered", "leave": "Not a face", "swap": "A face: swap it"}
 DONE = {"cover": "Covered", "leave": "Left as it is", "swap": "Swapped, if it can be"}
 SIDES = ("Left", "Top", "Right", "Bottom")
 
@@ -44,8 +44,7 @@ class CoverEditor:
             return
         title("Covers without a track").classes("mt-4")
         ui.label(
-            "Each of these may be a face and could not be tracked, so that it is covered. "
-            "Look at them: what is no face can stay."
+            "Each of these may be a face that could not be tracked, so it is covered. Say which of them are not faces."
         )
         self._cards()
         pages = -(-len(self.covers) // COVERS_PER_PAGE)
@@ -82,8 +81,8 @@ class CoverEditor:
         """What the user draws, and what was drawn."""
         with ui.expansion("Add a box", icon="add_box").classes("w-full") as self._panel:
             ui.label(
-                "Draw a box over the frame above, from brows to chin, or give its sides in pixels. It is followed from "
-                "the frame that is shown, and its place is covered in all frames that you give."
+                "Draw a box on the frame, from brows to chin, or type its sides in pixels. Guise follows what is in it "
+                "from the frame shown, and covers its place in all frames that you give."
             )
             with ui.row().classes("items-center"):
                 self._sides = [_number(side, self._size[n % 2]) for n, side in enumerate(SIDES)]

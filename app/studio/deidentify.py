@@ -50,8 +50,8 @@ WORK = VideoWork(
 )
 TONES = {"good": "positive", "fair": "warning", "bad": "negative"}
 CAVEATS = (
-    "Hair, body, clothes, voice and surroundings stay as they are, and a detector can miss a face: watch the whole "
-    "video before you share it."
+    "Hair, body, clothes, voice and surroundings stay as they are, and a detector can miss a face: watch all of it "
+    "before you share it."
 )
 FACES = {"swap": "Swap", "cover": "Cover"}
 
@@ -146,7 +146,7 @@ class _ReviewPage(VideoPage):
         tone, headline = HEADLINES[job.result["outcome"]]
         doubts = job.result.get("doubts", [])
         if doubts and tone == "good":
-            tone, headline = "fair", "All faces swapped, some of them not well"
+            tone, headline = "fair", "All faces are swapped, some of them poorly"
         banner(f"var(--q-{TONES[tone]})", headline, " ".join([job.result["sentence"], *doubts]))
         folder, output = self.studio.store.folder_of(job.id), job.about["output"]
         with ui.element("div").classes("desk"):
@@ -174,10 +174,10 @@ class _ReviewPage(VideoPage):
         """What the audit found and covered, which the user may say something of for the next rendering."""
         if not covers:
             return
-        with ui.expansion(f"Covered because the audit found it: {len(covers)}", icon="visibility").classes(
+        with ui.expansion(f"Found by the audit, and covered: {len(covers)}", icon="visibility").classes(
             "w-full"
         ):
-            ui.label("Say what is no face, or is one that could be swapped, then render again.")
+            ui.label("Say which of these is not a face, or is a face to swap, then render again.")
             for cover in covers:
                 with ui.row().classes("w-full items-center"):
                     picture_of_cover(self.studio, folder, cover)
@@ -194,7 +194,7 @@ class _ReviewPage(VideoPage):
             "action": action,
         }
         await self._editor.covers.say(place)
-        ui.notify("Noted under Faces: render again.")
+        ui.notify("Noted. Render again to apply it.")
 
 
 def _counts(counts: dict[str, int]) -> None:

@@ -249,18 +249,20 @@ class TrackEditor:
                 self._picture()
             strengths = {one: str(one) for one in STRENGTHS}
             self._setting("Strength", "cover_strength", strengths)
-            ui.label("Of mosaic and blur: 1 leaves the mean colours of six cells across, 5 of two.").classes(
+            ui.label("For mosaic and blur: 1 leaves six cells across a face, 5 leaves two.").classes(
                 "opacity-70"
             )
             self._setting("Sound", "audio", SOUNDS)
             region = self._setting("Replaced", "region", REGIONS)
             ui.label().classes("opacity-70").bind_text_from(region, "value", _told)
             with ui.row().classes("items-center w-full no-wrap pr-4"):
-                ui.label("Expression").classes("w-24")
+                ui.label("Strength of expression").classes("w-48")
                 slider = ui.slider(min=0, max=1, step=0.1, value=self._choices.alpha)
                 slider.on_value_change(lambda event: self._set("alpha", event.value))
-                slider.props('label aria-label="Expression"')
-            ui.label("0: only expressions in the donor's own range; 1: all of it.").classes("opacity-70")
+                slider.props('label aria-label="Strength of expression"')
+            ui.label("0 keeps to the donor's own range, 1 lets all of the expression through.").classes(
+                "opacity-70"
+            )
 
     async def _cover_with(self, upload: Upload) -> None:
         """Keep an uploaded picture with the video, and cover faces with it."""
@@ -309,7 +311,7 @@ class TrackEditor:
 
 def _told(region: str) -> str:
     """What a choice of the region hides."""
-    proposal = " Where hair or outline tell who somebody is, choose Head." if region == "face" else ""
+    proposal = " If hair or outline give somebody away, choose Head." if region == "face" else ""
     return f"In our benchmark {reach_of(region)}.{proposal}"
 
 
@@ -323,13 +325,13 @@ def timeline(track: dict[str, Any], frames: int, action: str) -> str:
 
 def _about(track: dict[str, Any]) -> str:
     first, last = map(clock, track["seconds"])
-    return f"{first} to {last}, seen in {track['seen']:,} frames, {track['width']:.0f} pixels wide"
+    return f"{first} to {last}, seen in {counted(track['seen'], 'frame')}, {track['width']:.0f} pixels wide"
 
 
 def _warning(track: dict[str, Any]) -> str:
     return (
-        f"The real face of track {track['track']} will be shown in {track['seen']:,} frames, recognisable to anyone. "
-        "Do this only with the person's consent."
+        f"The real face of track {track['track']} will be shown in {counted(track['seen'], 'frame')}, recognisable to "
+        "anyone. Do this only with the person's consent."
     )
 
 

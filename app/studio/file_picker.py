@@ -32,7 +32,14 @@ class FilePicker:
             )
             self._select.classes("w-full").on("popup-show", lambda: self._offer())
             with ui.row().classes("items-center"):
-                uploader(studio, "Upload", lambda row: self._offer(row.id), kinds, several=several)
+                uploader(
+                    studio,
+                    "Choose",
+                    lambda row: self._offer(row.id),
+                    kinds,
+                    several=several,
+                    hint="Drop a file here",
+                )
                 remove = ui.button(icon="delete", color=None, on_click=self._remove).props("flat round")
                 remove.props["aria-label"] = f"Delete the files chosen for {name}"
                 remove.bind_visibility_from(self._select, "value", bool)

@@ -24,7 +24,7 @@ from guise.app.studio.landmark_strip import ClipFrames, LandmarkStrip, state_of
 from guise.app.studio.landmark_view import SCREEN, FrameView, name_of
 from guise.app.studio.people import retrain
 from guise.app.studio.pictures import data_url
-from guise.app.studio.site import Studio, show_job
+from guise.app.studio.site import Studio, sentence, show_job
 from guise.app.studio.store import JobRow, Person
 from guise.common.arrays import F32, F64, Bool
 
@@ -320,7 +320,7 @@ class LandmarkEditor:
                 error = job.result["held_out_error"]
                 ui.label(f"Retrained: error {error:.2f} % of the inter-ocular distance on held-out frames.")
             else:
-                ui.label(job.sentence or "Cancelled.")
+                ui.label(sentence(job.sentence or "cancelled"))
 
     # -- pointer and keys
 

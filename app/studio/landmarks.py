@@ -11,7 +11,7 @@ from nicegui import ui
 from guise.app.studio.landmark_correction import Correction, landmarks_job, load_correction
 from guise.app.studio.landmark_editor import LandmarkEditor
 from guise.app.studio.landmark_strip import ClipFrames
-from guise.app.studio.site import Studio, empty_state, heading, page, show_job
+from guise.app.studio.site import Studio, empty_state, heading, page, sentence, show_job
 from guise.app.studio.store import JobRow, Person, Upload
 
 PATH = "/landmarks"
@@ -34,13 +34,11 @@ def register(studio: Studio) -> None:
 
 def _people(studio: Studio) -> None:
     """The choice of a person."""
-    ui.label(
-        "A model is trained on the landmarks of a clip. Move those that are wrong, then retrain the model."
-    )
+    ui.label("A model is trained on the landmarks of a clip. Move the wrong ones, then retrain it.")
     clips = {clip.id for clip in studio.store.clips()}
     people = [person for person in studio.store.people() if person.clip in clips]
     if not people:
-        words = "Landmarks belong to somebody who was learned here from a clip that is still kept."
+        words = "They belong to people who were learned here from a clip that is still kept."
         with empty_state("face_retouching_off", "Nobody has landmarks here", words):
             ui.link("Learn somebody from a clip", "/people")
     with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2 md:grid-cols-4 mt-4"):
@@ -71,7 +69,7 @@ def _find(studio: Studio, person: Person, clip: Upload, content: ui.column) -> N
             if job.state == "done":
                 ui.timer(0, partial(_edit, studio, person, clip), once=True)
             else:
-                ui.label(job.sentence or "Cancelled.")
+                ui.label(sentence(job.sentence or "cancelled"))
                 ui.link("Try again", f"{PATH}/{person.id}")
 
     about = {"clip": str(clip.path), "output": str(landmark_file(clip))}

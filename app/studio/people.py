@@ -18,7 +18,7 @@ from guise.app.studio.clip_recorder import ClipRecorder
 from guise.app.studio.dialogs import asked, confirm
 from guise.app.studio.enrol_job import ENROL_JOB, enrol_job, keep_person
 from guise.app.studio.live_faces import FACE as LIVE_FACE
-from guise.app.studio.site import Studio, empty_state, heading, local_time, page, show_job
+from guise.app.studio.site import Studio, empty_state, heading, local_time, page, sentence, show_job
 from guise.app.studio.store import JobRow, Person, StudioError, Upload
 from guise.app.studio.swap import FACE as SWAP_FACE
 from guise.app.studio.uploads import CLIP, PHOTO, shown, uploader
@@ -27,7 +27,7 @@ from guise.common.errors import GuiseError
 
 ADVICE = (
     "A clip of 10 to 30 seconds is best: look into the camera, speak, smile, turn your head a little.",
-    "Of photos one is enough, from the front and at rest. Teeth and turned views are guessed then.",
+    "One photo is enough, from the front and at rest. Teeth and turned views are then guessed.",
 )
 POLL_SECONDS = 1.0  # between two checks for changes made in other tabs
 
@@ -93,7 +93,7 @@ class _PeoplePage:
                 self._nobody = empty_state(
                     "person_add",
                     "Nobody yet",
-                    "Add yourself, or somebody who agreed. `guise people` knows them, too.",
+                    "Add yourself, or somebody who agreed. The command guise people knows them, too.",
                 )
                 self._people = ui.element("div").classes("w-full grid gap-4 items-start sm:grid-cols-2")
                 self._clips_heading = heading("Your clips")
@@ -226,7 +226,7 @@ class _PeoplePage:
         if not job.ended:
             show_job(self.studio, job.id, lambda _: self._poll())
             return
-        ui.label(job.sentence or "Cancelled.")
+        ui.label(sentence(job.sentence or "cancelled"))
         with ui.row():
             ui.button("Try again", on_click=partial(self._retry, job))
             ui.button("Remove", on_click=partial(self._remove_job, job)).props("outline")
@@ -322,7 +322,7 @@ class _PeoplePage:
 
     def _gallery(self) -> None:
         heading("Built-in faces")
-        ui.label("Rendered people who do not exist; anybody may show their faces.")
+        ui.label("Rendered people who do not exist. Anybody may show their faces.")
         with ui.element("div").classes("faces"):
             for id, name in FIRST_NAMES.items():
                 with ui.column().classes("face items-center gap-0"):

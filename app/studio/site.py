@@ -115,7 +115,7 @@ def page(
                 if done is not None:
                     await done
             except GuiseError as error:
-                ui.label(explain(error)[0])
+                ui.label(sentence(explain(error)[0]))
                 if isinstance(error, MissingError):
                     return ui.context.client.build_response(request, 404)
         return None
@@ -219,6 +219,15 @@ def camera_error(name: str) -> str:
     return _CAMERA_ERRORS.get(name, f"The camera cannot be used ({name}).")
 
 
+def sentence(text: str) -> str:
+    """What went wrong, as a sentence.
+
+    >>> sentence("no face found: use another clip")
+    'No face found: use another clip.'
+    """
+    return text[:1].upper() + text[1:] + "." * (text[-1:] not in ".!?")
+
+
 def show_error(error: Exception) -> None:
     """Show what went wrong in a notification."""
-    ui.notify(explain(error)[0], type="negative", multi_line=True)
+    ui.notify(sentence(explain(error)[0]), type="negative", multi_line=True)

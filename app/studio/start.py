@@ -14,17 +14,17 @@ AGREED = "consent"  # the setting
 CONSENT = (
     "Guise changes faces in your own videos and photos, and in front of your own camera. Everything stays in a folder "
     "on this computer that only you can read. Nothing is sent anywhere, and you can delete all of it here.",
-    "Change and show faces only of people who agreed, and tell people that what you made is synthetic: its files are "
-    "marked as such. The built-in faces belong to nobody.",
+    "Change and show faces only of people who agreed, and tell people it is synthetic: files made here are marked as "
+    "such. The built-in faces belong to nobody.",
 )
 CHOICES = (
     ("Live", "/live", "videocam", "Another face at your camera, while you speak."),
-    ("Swap a video or photo", swap.PATH, "movie", "Another face for anybody in a video or a photo."),
+    ("Swap a video or photo", swap.PATH, "movie", "Another face for anyone in a video or photo."),
     (
         "De-identify",
         deidentify.PATH,
         "visibility_off",
-        "Hide who is in a video or a photo, keep the expressions.",
+        "Hide who is in a video or photo, but keep their expressions.",
     ),
 )
 SAMPLE_WORDS = "Left: the clip. Right: the same clip with other faces. These people do not exist."

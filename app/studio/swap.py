@@ -125,7 +125,7 @@ class _SwapPage(VideoPage):
 
     async def _add_face(self, upload: Upload) -> None:
         """Offer the face of a photo, which is kept with the video."""
-        question = f"Did the person in {upload.name} agree that their face is shown?"
+        question = f"Did the person in {upload.name} agree to have their face shown?"
         agreed = await confirm(question, "Yes, or it is me", "No", "primary")
         path = self._added.with_name(upload.path.name)
         if agreed:
@@ -154,7 +154,7 @@ class _SwapPage(VideoPage):
                     )
                     ui.label(one["why_not"] or seen)
             if not one["why_not"]:
-                faces = {"": "own face", **self._own_faces(), **self.studio.faces()}
+                faces = {"": "their own face", **self._own_faces(), **self.studio.faces()}
                 chosen, label = self._faces.get(number, ""), f"Face of person {number}"
                 Portraits(self.studio, faces, chosen, label, partial(self._choose, number))
 
@@ -187,7 +187,9 @@ class _SwapPage(VideoPage):
             shown(self.studio, after, "The result").classes("full")
             with ui.column().classes("w-full"):
                 ui.label(_sentence(facts, self.is_photo)).props('role="status"')
-                ui.label("It is marked as synthetic. Tell people, too.").classes("opacity-70")
+                ui.label("The file is marked as synthetic. Tell people it is synthetic, too.").classes(
+                    "opacity-70"
+                )
                 for words in _qualities(facts):
                     ui.label(words)
                 download_row(self.studio, {

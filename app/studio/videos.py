@@ -19,7 +19,7 @@ from guise.app.media.file_kind import kind_of
 from guise.app.studio.dialogs import confirm
 from guise.app.studio.option_form import OptionForm
 from guise.app.studio.pictures import data_url
-from guise.app.studio.site import Studio, empty_state, heading, local_time, show_job
+from guise.app.studio.site import Studio, empty_state, heading, local_time, sentence, show_job
 from guise.app.studio.store import CLIP, JobRow, MissingError, Upload
 from guise.app.studio.uploads import CLIP as CLIPS
 from guise.app.studio.uploads import UploadKind, shown, uploader
@@ -226,7 +226,7 @@ class VideoList:
     def _state(self, job: JobRow, made: list[JobRow]) -> str:
         """The state of a video in a few words."""
         if job.state == "failed":
-            return job.sentence
+            return sentence(job.sentence)
         if not job.ended:
             return "finding faces"
         if not made:
@@ -293,10 +293,8 @@ class VideoPage:
         if job.state == "cancelled":
             empty_state("block", "Cancelled", "Nothing was done.")
         else:
-            why, _, advice = job.sentence.partition(": ")
-            empty_state(
-                "search_off", why[:1].upper() + why[1:], advice[:1].upper() + advice[1:] + "." * bool(advice)
-            ).props('role="status"')
+            why, _, advice = sentence(job.sentence).partition(": ")
+            empty_state("search_off", why, advice[:1].upper() + advice[1:]).props('role="status"')
 
     @ui.refreshable_method
     def results(self) -> None:
@@ -305,7 +303,7 @@ class VideoPage:
             if not job.ended:
                 show_job(self.studio, job.id, lambda _: self.results.refresh())
             elif job.state == "failed":
-                banner(_BAD, "The rendering failed", job.sentence)
+                banner(_BAD, "The rendering failed", sentence(job.sentence))
             else:
                 with ui.expansion(local_time(job.created), icon="movie", value=place == 0).classes("w-full"):
                     self.result(job)
@@ -390,7 +388,7 @@ class FrameComparison:
             try:
                 drawn = await run.io_bound(self._draw, self.frame)
             except GuiseError as error:
-                self._said.text = explain(error)[0]
+                self._said.text = sentence(explain(error)[0])
                 return
             finally:
                 self._spinner.set_visibility(False)
