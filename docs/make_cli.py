@@ -25,11 +25,11 @@ MANUAL = Path(__file__).with_name("guise.1")
 MEANINGS = {
     "--identity": "the face that is shown: `NAME.guise`, a photo, a name of `guise people list`, or a fictional one",
     "--source": "the person in the video or at the camera: their model, or a name of `guise people list`",
-    "--map": "both, for each of several people",
+    "--map": "the source and the identity, for each of several people",
     "--output": "what is written, or where it goes",
     "--cover": "how a face is covered that is not swapped",
     "--unsure": "what becomes of a face that may be visible and cannot be swapped",
-    "--landmarks": "points of faces or heads that are read instead of found",
+    "--landmarks": "landmarks of faces, or feature points of heads, from files instead of detected",
     "--outside": "what lies outside `--from` and `--to`: keep it, or cut it off",
     "--crf": "constant rate factor: lower is better and larger",
     "--frames": "how many frames are used: to train on, or to measure",
@@ -49,7 +49,7 @@ DIFFERENCES = {
         "solid in `deidentify`, mosaic in `live`: solid leaves nothing of a face; a mosaic disturbs calls less. Emoji "
         "and images are for files"
     ),
-    "--eyes": "donor in `live`, source in `swap`: the person's gaze in files; live not their irises unasked",
+    "--eyes": "donor in `live`, source in `swap`: a file keeps the person's gaze; live shows nothing of theirs unless asked to",
     "--crf": "20 in `live`: a camera has no file whose fineness could be kept",
     "--outside": "cut in `deidentify`, keep elsewhere: what was not worked on shows its faces",
     "--unsure": "no hold in `live`: a face that stands still there would be taken for the person",
