@@ -14,7 +14,7 @@ from guise.app.cli.commands import command_line, commands
 from guise.app.deidentify.options import DeidentifyOptions
 from guise.app.media.time_range import TimeRange
 from guise.app.studio.deidentify_jobs import options_from
-from guise.app.studio.option_form import Encoding, called, taken
+from guise.app.studio.option_form import EncodingOptions, called, taken
 from guise.app.studio.store import StudioError
 from guise.app.studio.swap_jobs import OPTIONS, settings_from
 from guise.common import presets
@@ -23,7 +23,7 @@ from guise.common.progress import silent
 
 
 @pytest.mark.parametrize(
-    ("command", "kinds"), [("swap", OPTIONS), ("deidentify", (DeidentifyOptions, Encoding))]
+    ("command", "kinds"), [("swap", OPTIONS), ("deidentify", (DeidentifyOptions, EncodingOptions))]
 )
 def test_every_option_of_a_page_is_one_of_the_command(command: str, kinds: tuple[type, ...]) -> None:
     names = {called(name, told) for kind in kinds for name, (told, _, _) in options_of(kind).items()}

@@ -18,7 +18,7 @@ from guise.app.deidentify.run.results import beside
 from guise.app.studio.cover_editor import VIEWS, about, picture_of_cover
 from guise.app.studio.deidentify_editor import ACTIONS, COVERS, REGIONS, SOUNDS, TrackEditor
 from guise.app.studio.deidentify_jobs import REPORTS, DeidentifyChoices, download_name, render, review
-from guise.app.studio.option_form import Encoding
+from guise.app.studio.option_form import EncodingOptions
 from guise.app.studio.site import Studio, choice_row, heading, page, script
 from guise.app.studio.store import JobRow, Upload
 from guise.app.studio.uploads import CONFIDENTIAL, CONFIDENTIAL_PHOTO, shown
@@ -45,7 +45,7 @@ WORK = VideoWork(
     "Find faces",
     "You can leave this page and come back.",
     CONFIDENTIAL_PHOTO,
-    (DeidentifyOptions, Encoding),
+    (DeidentifyOptions, EncodingOptions),
     CONFIDENTIAL,
 )
 TONES = {"good": "positive", "fair": "warning", "bad": "negative"}

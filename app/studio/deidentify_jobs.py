@@ -26,7 +26,7 @@ from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
 from guise.app.deidentify.tracks import Track
 from guise.app.media.pictures import save_picture
-from guise.app.studio.option_form import Encoding, taken
+from guise.app.studio.option_form import EncodingOptions, taken
 from guise.app.studio.pictures import fitted_to, frames_until, output_suffix
 from guise.app.studio.store import StudioError
 from guise.app.swapping.policy import Action
@@ -96,7 +96,7 @@ class DeidentifyChoices:
 
 def options_from(values: Mapping[str, Any]) -> DeidentifyOptions:
     """Options by their names on the command line."""
-    return replace(taken(DeidentifyOptions, values), encode=taken(Encoding, values).options())
+    return replace(taken(DeidentifyOptions, values), encode=taken(EncodingOptions, values).options())
 
 
 def write_edited(folder: Path, choices: DeidentifyChoices, tracks: Path) -> None:

@@ -18,7 +18,7 @@ from guise.common.option import Option, option, options_of
 
 
 @dataclass(frozen=True)
-class Encoding:
+class EncodingOptions:
     """How a video is encoded, see `guise.app.media.EncodeOptions`."""
 
     crf: int | None = option(

@@ -25,7 +25,7 @@ from guise.app.media.segments import Scan, scan
 from guise.app.media.time_range import Outside, TimeRange
 from guise.app.people.finding import find_people
 from guise.app.people.found import load_people, save_people
-from guise.app.studio.option_form import Encoding, taken
+from guise.app.studio.option_form import EncodingOptions, taken
 from guise.app.studio.pictures import fitted_to, frames_until, output_suffix
 from guise.app.studio.store import StudioError
 from guise.app.swapping.donors import open_face
@@ -71,14 +71,14 @@ class SwapOptions:
     )
 
 
-OPTIONS = (SwapOptions, DrawingChoices, Encoding)
+OPTIONS = (SwapOptions, DrawingChoices, EncodingOptions)
 
 
 def settings_from(values: Mapping[str, Any], progress: Progress) -> SwapSettings:
     """Settings for options by their names on the command line."""
     own = taken(SwapOptions, values)
     return SwapSettings(
-        look=taken(DrawingChoices, values).of(SWAP), encode=taken(Encoding, values).options(), unsure=own.unsure,
+        look=taken(DrawingChoices, values).of(SWAP), encode=taken(EncodingOptions, values).options(), unsure=own.unsure,
         part=TimeRange.between(own.start, own.end, own.outside), progress=progress,
     )  # fmt: skip
 
