@@ -49,7 +49,7 @@ DIFFERENCES = {
         "solid in `deidentify`, mosaic in `live`: solid leaves nothing of a face; a mosaic disturbs calls less. Emoji "
         "and images are for files"
     ),
-    "--eyes": "donor in `live`, source in `swap`: a file keeps the person's gaze; live shows nothing of theirs unless asked to",
+    "--eyes": "donor in `live`, source in `swap`: files keep the person's gaze; live shows none of it unasked",
     "--crf": "20 in `live`: a camera has no file whose fineness could be kept",
     "--outside": "cut in `deidentify`, keep elsewhere: what was not worked on shows its faces",
     "--unsure": "no hold in `live`: a face that stands still there would be taken for the person",
