@@ -68,7 +68,10 @@ def person_in_photo(rgb: U8, points: F64, name: str, like: Identity) -> Identity
     appearance = AppearanceModel(reference, replace(components, mean=neutral), neutral, mask)
     appearance, detail = detailed(appearance, [seen])
     facts = {"frames": 1, "views": Views.of([shape]).as_facts(), KNOWN_REST: False}
-    return completed(Identity(name, appearance, like.tracker, detail, RestFrame(rgb, shape), facts))
+    made = completed(Identity(name, appearance, like.tracker, detail, RestFrame(rgb, shape), facts))
+    seen_texture = made.appearance.neutral[SHAPE_ENTRIES:]
+    np.maximum(seen_texture, 0, out=seen_texture)
+    return made
 
 
 def at_rest(points: F64) -> F64:

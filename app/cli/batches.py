@@ -77,6 +77,10 @@ def swap_each(
 
 def summary(report: SwapReport, word: str) -> str:
     """What was done to a file, in a line.   word : what was done to most frames."""
+    people = getattr(report, "people", ())
+    if people and report.frames == 1:
+        faces = f"{len(people)} face" + "s" * (len(people) > 1)
+        return f"{sum(one.swapped for one in people)} of {faces} {word}; {report.seconds:.1f} s"
     covered = f"{report.covered} covered, " if report.covered else ""
     untouched = f", {report.untouched} untouched" if report.untouched else ""
     return (

@@ -156,6 +156,8 @@ def _say_swap(console: Console, report: SwapReport) -> None:
 
     say_report(console, report, "swapped", last=False)
     for one in getattr(report, "people", ()):
+        if not one.face and report.frames == 1 and not one.covered:
+            continue  # somebody in a photo who stays
         got = f"the face {titled(one.face)}: " if one.face else ""
         console.say(
             f"person {one.number}: {got}{one.swapped} swapped, {one.covered} covered, {one.left} left"

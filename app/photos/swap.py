@@ -13,7 +13,7 @@ from guise.aam.model import Identity
 from guise.app.media.file_kind import is_picture
 from guise.app.people.found import VideoPeople
 from guise.app.swapping.file import swap_file
-from guise.app.swapping.report import DEFAULTS, PersonOutcome, SwapReport, SwapSettings
+from guise.app.swapping.report import DEFAULTS, PersonOutcome, SwapError, SwapReport, SwapSettings
 from guise.app.swapping.several import Casting, draw_photo, swap_people
 from guise.common.arrays import U8
 
@@ -27,6 +27,8 @@ def swap_any(
 ) -> SwapReport:  # fmt: skip
     """As `swap_file`; of a photo whose person has no model, the largest face is swapped."""
     if is_picture(file) and not isinstance(source, Identity):
+        if source.files or source.landmarker is not None:
+            raise SwapError(f"the landmarks of {file.name} are found, as it is a photo: give none")
         return swap_people(file, Casting({"largest": identity}), output, settings=settings)
     return swap_file(file, identity, output, source=source, settings=settings)
 
