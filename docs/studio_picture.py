@@ -29,7 +29,7 @@ from guise.aam.model import Identity
 from guise.app.media.pictures import Picture
 from guise.app.people.kept import FOLDER_VARIABLE, place_for
 
-VIEW = {"width": 1000, "height": 820}  # CSS pixels
+VIEW = {"width": 1280, "height": 800}  # CSS pixels
 PERSON, FACES = "Robin", ("Kenji (fictional)", "Mei (fictional)")
 SECONDS_PER_FACE = 2.5
 SETTLING_SECONDS = 3.0  # until the face is shown, and the bit rate of the connection is high enough
