@@ -89,10 +89,10 @@ class Parsing:
         """(64, 64) share of all these classes together."""
         return np.asarray(np.add.reduce(self.shares[list(classes)]))
 
-    def at(self, points: Floating, cells: F32) -> F32:
+    def at(self, points: Floating, cells: F32, border: int = cv2.BORDER_CONSTANT) -> F32:
         """(n,) or (n, c) bilinear values, at points (n, 2) of the picture, of maps (64, 64, ...); 0 outside."""
         places = cv2.transform(np.asarray(points, np.float32)[None], self.to_cells)[0]
-        return remap_points(cells, places, cv2.BORDER_CONSTANT)
+        return remap_points(cells, places, border)
 
     def from_place(self, x: float, y: float) -> Parsing:
         """The same in pixels of a part of the picture that begins at a place."""

@@ -2,10 +2,11 @@
 
 At rest and in 3-D the donor's face is laid over the source's, by the similarity that brings all points nearest.  Then
 it is drawn to the outline of the head, less and less inwards, so that no second chin shows; by a share, the jaw line
-keeps the donor's form, if the frame is to follow it (`app/drawing/passes/place.py`).  How the two differ is seen as the
-head is turned in the frame, and added to the source's tracked points, so that every point goes as far as the source's;
-a small network corrects the features' places.  Lids move by ratio, so that shut eyes are shut whatever the size of
-either person's eyes; inner lips that touch touch.  Grid pixels, x right, y down.
+keeps the donor's form, if the frame is to follow it (`app/drawing/passes/place.py`).  What is left of their difference
+may be exaggerated, so that less of the source remains.  How the two differ is seen as the head is turned in the frame,
+and added to the source's tracked points, so that every point goes as far as the source's; a small network corrects the
+features' places.  Lids move by ratio, so that shut eyes are shut whatever the size of either person's eyes; inner lips
+that touch touch.  Grid pixels, x right, y down.
 """
 
 from __future__ import annotations
@@ -23,11 +24,15 @@ from guise.aam.landmarks.schemes import (
     BROWS_AND_EYES,
     EYES,
     JAW,
+    LEFT_BROW,
+    LEFT_EYE,
     LIPS,
     LOWER_INNER_LIP,
     LOWER_LIDS,
     NOSE,
     OUTLINE,
+    RIGHT_BROW,
+    RIGHT_EYE,
     SILHOUETTE,
     UPPER_INNER_LIP,
     UPPER_LIDS,
@@ -71,6 +76,7 @@ class ShapeTransfer:
     source, target : SolidFit of the two faces at rest.
     reference : ReferenceFrame.
     outline : share in [0, 1] by which the jaw line has the target's form instead of the head's.
+    apart : share by which the two faces differ more at rest than they do, but for how far eyes and lips are open.
     learned : whether the features' places are corrected by what was learned from rendered swaps.
 
     Attributes
@@ -81,7 +87,7 @@ class ShapeTransfer:
 
     def __init__(
         self, source: SolidFit, target: SolidFit, reference: ReferenceFrame, *, outline: float = 0.0,
-        learned: bool = True,
+        apart: float = 0.0, learned: bool = True,
     ) -> None:  # fmt: skip
         self.source, self.target = source, target
         self._reference, self._learned = reference, learned
@@ -89,7 +95,8 @@ class ShapeTransfer:
         over = laid_over(target.rest, self._from)
         goal = self._from.copy()
         goal[JAW, :2] += jaw_moves(goal[JAW, :2], over[JAW, :2], outline)
-        self.solid = over + outline_pull(reference) @ (goal - over)
+        fitted = over + outline_pull(reference) @ (goal - over)
+        self.solid = _farther(fitted, self._from, apart) if apart else fitted
 
     def apply(self, shape: F64, pose: HeadPose) -> F64:
         """The target's shape (81, 2) on the grid for a tracked one (81, 2) in frame pixels, of a head in that pose."""
@@ -185,6 +192,16 @@ def laid_over(face: F64, other: F64) -> F64:
     """A solid face (81, 3) moved, scaled and turned to lie on another (81, 3): what is left are its proportions."""
     placed = align(face, other)
     return face if isinstance(placed, Failed) else placed.apply(face)
+
+
+def _farther(face: F64, other: F64, share: float) -> F64:
+    """A solid face (81, 3), by a share farther from another (81, 3); its eyes, brows and lips' gap stay as they are."""
+    moves = share * (face - other)
+    for part in (RIGHT_BROW, LEFT_BROW, RIGHT_EYE, LEFT_EYE):
+        moves[part] = moves[part].mean(0)
+    made = face + moves
+    _open(made, UPPER_INNER_LIP, LOWER_INNER_LIP, face[LOWER_INNER_LIP] - face[UPPER_INNER_LIP])
+    return np.asarray(made)
 
 
 def jaw_moves(jaw: F64, other: F64, share: float) -> F64:

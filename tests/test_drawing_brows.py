@@ -57,7 +57,7 @@ def farther(share: float) -> F64:
     return points
 
 
-DRAWN = DrawnBrows(FRAME, np.eye(POINTS))
+DRAWN = DrawnBrows(FRAME)
 
 
 def keep(picture: U8, drawn: F64, at_rest: F64) -> U8:
@@ -187,10 +187,10 @@ def test_brows_are_painted_over_once_a_frame_is_parsed_wherever_others_are_drawn
     """On their line, too: what is drawn there may end before they do."""
     face = drawn_on(picture(), HEAD, picture(), zoom=SCALE)
     assert_array_equal(face.mesh, HEAD)
-    DrawnBrows(SMALL, np.eye(POINTS)).cover_own(face, Memory())
+    DrawnBrows(SMALL).cover_own(face, Memory())
     assert_array_equal(face.canvas.roi, picture())
     face.parsed = parsed()
-    DrawnBrows(SMALL, np.eye(POINTS)).cover_own(face, Memory())
+    DrawnBrows(SMALL).cover_own(face, Memory())
     for brow in TRACES:
         assert np.abs(face.canvas.roi[tuple(brow[2, ::-1])].astype(int) - SKIN).max() <= 6
 

@@ -103,6 +103,27 @@ def test_what_lies_between_bars_is_skin_and_no_object(wary: Watch, monkeypatch: 
     assert wary(plain, shape) is not None
 
 
+@pytest.mark.parametrize(
+    ("shown", "x", "kept"),
+    [
+        (FaceClass.OCCLUDER, slice(0, 35), True),
+        (FaceClass.OCCLUDER, slice(25, 35), False),
+        (FaceClass.HAIR, slice(0, 35), True),
+        (FaceClass.HAIR, slice(25, 35), False),
+        (FaceClass.GLASSES, slice(0, 64), False),
+    ],
+    ids=["a hand", "a patch within the face", "hair", "hair within the face", "glasses"],
+)
+def test_in_a_disguise_hair_stays_in_front_that_reaches_in_and_glasses_do_not(
+    p01: Identity, monkeypatch: pytest.MonkeyPatch, shown: FaceClass, x: slice, kept: bool
+) -> None:
+    watch = Watch(p01, only_objects=True, keeps_hair=True, watches_eyes=False)
+    parsing = fake_parsing(shown, x, slice(25, 35))
+    monkeypatch.setattr(cover, "parse_frame", lambda *_: parsing)
+    left = watch(BLACK, watch.reference.points * (64 / watch.reference.resolution))
+    assert (left is not None and left.min() < 0.1) == kept
+
+
 def test_where_no_part_of_the_person_may_show_hair_that_is_partly_taken_for_an_object_does_not(
     wary: Watch, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,4 +1,4 @@
-"""Where a face is drawn: in other proportions within the same outline, and the frame's jaw line goes with it."""
+"""Where a face is drawn: within the same outline, and the frame's jaw line goes with it."""
 
 from dataclasses import replace
 
@@ -17,24 +17,21 @@ from guise.aam.landmarks.schemes import (
     FOREHEAD,
     HAIRLINE,
     JAW,
-    LEFT_EYE,
     LIPS,
-    MIRROR,
     NOSE,
     NOSE_ROOT,
     OUTLINE,
-    RIGHT_EYE,
 )
 from guise.aam.model import Identity
 from guise.aam.reference import POINTS, ReferenceFrame
-from guise.aam.relief import STRAIGHT, Relief
-from guise.aam.solid_shape import Sight, SolidPrior, depth_across
+from guise.aam.relief import Relief
+from guise.aam.solid_shape import Sight, SolidPrior
 from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
 from guise.app.drawing.look import DISGUISE, PAPER, SWAP, Look
 from guise.app.drawing.memory import Memory
 from guise.app.drawing.passes.forehead import outward
-from guise.app.drawing.passes.place import OUTLINE_WARP, Place, RigidPlace, convex, proportions, warp_outline
+from guise.app.drawing.passes.place import OUTLINE_WARP, Place, RigidPlace, warp_outline
 from guise.app.drawing.passes.turned import whole_cosines
 from guise.app.media import Frame, open_input
 from guise.common.arrays import F64, U8
@@ -42,52 +39,6 @@ from guise.common.arrays import F64, U8
 FRAME = ReferenceFrame.canonical(160)
 WIDTH = float(FRAME.resolution)
 HEAD = FRAME.points + np.array([120.0, 60.0])
-
-
-def _areas(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Signed areas (t,) of the mesh's triangles, twice."""
-    a, b, c = (points[FRAME.triangles[:, k]] for k in range(3))
-    return (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-
-
-def _apart(points: NDArray[np.float64]) -> float:
-    return float(np.linalg.norm(points[LEFT_EYE].mean(0) - points[RIGHT_EYE].mean(0)))
-
-
-def _brows(points: NDArray[np.float64]) -> float:
-    """Height of the brows over the eyes."""
-    return float(points[EYES, 1].mean() - points[BROWS, 1].mean())
-
-
-def test_eyes_lie_farther_apart_and_brows_higher() -> None:
-    before, after = FRAME.points, proportions(FRAME) @ FRAME.points
-    assert _apart(after) > 1.03 * _apart(before)
-    assert _brows(after) > 1.03 * _brows(before)
-    np.testing.assert_array_equal(after[LIPS], before[LIPS])
-
-
-def test_outline_and_nose_stay() -> None:
-    still = np.r_[OUTLINE, NOSE]
-    np.testing.assert_allclose((proportions(FRAME) @ FRAME.points)[still], FRAME.points[still], atol=1e-9)
-
-
-def test_both_sides_change_alike() -> None:
-    moved = proportions(FRAME) @ FRAME.points - FRAME.points
-    np.testing.assert_allclose(moved[list(MIRROR)] * [-1, 1], moved, atol=0.01 * FRAME.resolution)
-
-
-def test_place_size_and_turn_in_the_picture_do_not_matter() -> None:
-    turn = 1.7 * np.array([[np.cos(0.4), np.sin(0.4)], [-np.sin(0.4), np.cos(0.4)]])
-    first = proportions(FRAME) @ (FRAME.points @ turn + (300, -20))
-    np.testing.assert_allclose(first, (proportions(FRAME) @ FRAME.points) @ turn + (300, -20), atol=1e-9)
-
-
-@pytest.mark.parametrize("yaw", [-35, 0, 35])
-def test_no_triangle_that_can_be_seen_turns_over(yaw: float) -> None:
-    head = FRAME.points + yaw * FRAME.yaw_mode
-    before, after = _areas(head), _areas(proportions(FRAME) @ head)
-    large = np.abs(before) > 0.1 * np.abs(_areas(FRAME.points))
-    assert (np.sign(after[large]) == np.sign(before[large])).all()
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +62,8 @@ def test_a_disguise_is_drawn_on_the_same_outline(p01: Identity) -> None:
     _, disguised = _swapped(p01, replace(DISGUISE, renderer="cpu", jaw=0.0, forehead=0.0))
     assert plain.shape == disguised.shape == (POINTS, 2)
     np.testing.assert_allclose(disguised[OUTLINE], plain[OUTLINE])
-    assert 1.05 < _apart(disguised) / _apart(plain) < 1.3
+    away = np.linalg.norm(disguised - plain, axis=1)[np.r_[EYES, BROWS, NOSE, LIPS]]
+    assert away.max() > 0.03 * np.ptp(plain[:, 0])
 
 
 @pytest.mark.parametrize("look", [PAPER, DISGUISE])
@@ -132,7 +84,7 @@ def added_to(yaw: float) -> tuple[F64, Sight]:
     for reach in (0.0, 0.1):
         drawn = face_at(pose.apply(face))
         drawn.shape, drawn.sight = FRAME.points, sight
-        Place(FRAME, proportions(FRAME), outward(FRAME, reach, 2 * reach)).lay(drawn, Memory())
+        Place(FRAME, outward(FRAME, reach, 2 * reach)).lay(drawn, Memory())
         placed.append(drawn.mesh)
     return (placed[1] - placed[0]) / 170, sight
 
@@ -154,20 +106,6 @@ def test_a_higher_forehead_leaves_the_hair_at_the_temples() -> None:
     assert np.ptp(grown[:, 0]) < 1.1 * np.ptp(plain[:, 0]) / FRAME.resolution  # hardly wider,
     assert added[HAIRLINE, 1] < -0.15  # but higher
     assert (added[FOREHEAD[3:10], 1] < -2 * abs(added[FOREHEAD[3:10], 0])).all()
-
-
-@pytest.mark.parametrize("yaw", [-30, 0, 30])
-def test_the_far_cheek_of_a_turned_head_has_no_notches(yaw: float) -> None:
-    pose = turned_head(yaw)
-    seen = Relief.shipped(FRAME).seen(pose.apply(SolidPrior.shipped().mean), depth_across(pose, STRAIGHT))
-    made = convex(seen)
-    moved = np.linalg.norm(made - seen, axis=1)
-    others = np.setdiff1d(np.arange(len(seen)), JAW)
-    assert not moved[others].any()
-    assert (moved.max() > 1) == (yaw != 0)
-    hull = cv2.convexHull(np.delete(seen, FOREHEAD, axis=0).astype(np.float32))
-    depths = [cv2.pointPolygonTest(hull, (float(x), float(y)), True) for x, y in made[JAW]]
-    np.testing.assert_allclose(depths, 0, atol=0.01)
 
 
 def scene() -> U8:
@@ -220,7 +158,7 @@ def test_a_head_that_leaves_the_picture_is_no_error() -> None:
 def test_a_face_lies_on_the_head_whatever_its_own_place_and_size() -> None:
     face = face_at(1.5 * FRAME.points + (30, 7))
     face.shape = FRAME.points
-    Place(FRAME, np.eye(POINTS), np.zeros((POINTS, 2))).lay(face, Memory())
+    Place(FRAME, np.zeros((POINTS, 2))).lay(face, Memory())
     np.testing.assert_allclose(face.mesh, face.head, atol=1e-6)
     assert face.zoom == pytest.approx(1.5)
     face.shape = 0.3 * FRAME.points + 100  # the papers' shapes lie anywhere

@@ -1,4 +1,4 @@
-"""A look is a list of passes: what they are, what they know of, and the border of a disguise."""
+"""A look is a list of passes: what they are, what they know of, and what they show of the person."""
 
 import ast
 from collections.abc import Iterator
@@ -6,21 +6,14 @@ from dataclasses import FrozenInstanceError, replace
 from pathlib import Path
 from types import MethodType
 
-import cv2
-import numpy as np
 import pytest
-from drawing import face_at
 from models import model_file
 
 import guise.app.drawing.passes
 from guise.aam.model import Identity
-from guise.aam.reference import MeshSampler
-from guise.aam.relief import STRAIGHT, Relief
 from guise.app.drawing.donor import Donor
-from guise.app.drawing.look import DISGUISE, LOOKS, SWAP, Look
-from guise.app.drawing.memory import Memory
-from guise.app.drawing.passes.forehead import outward
-from guise.app.drawing.passes.place import Place, proportions
+from guise.app.drawing.look import DISGUISE, LOOKS, SWAP
+from guise.app.drawing.passes.surface import OwnSkin
 from guise.app.drawing.plan import Plan, Step
 
 PASSES = "guise.app.drawing.passes"
@@ -102,26 +95,10 @@ def test_a_pass_changes_nothing_of_its_own_as_it_draws(module: Path) -> None:
         assert not stored, f"{module.name}:{method.name}"
 
 
-def border_of(look: Look) -> tuple[np.ndarray, np.ndarray, Identity]:
-    """The alpha (h, w) of a face over itself, and how deep (n,) each pixel of it lies within the drawn hull, pixels."""
-    person = Identity.load(model_file("p01"))
-    plan, reference = Plan.of(person, Donor.of(person), replace(look, renderer="cpu")), person.reference
-    relief = Relief.shipped(reference)
-    face = face_at(reference.points)
-    face.shape = person.appearance.neutral_shape
-    Place(reference, proportions(reference), outward(reference, look.jaw, look.forehead)).lay(face, Memory())
-    ys, xs = np.divmod(reference.pixels, reference.size[1])
-    sampler = MeshSampler.build(relief.mesh, np.column_stack([xs, ys]).astype(np.float64))
-    places = sampler.positions(relief.seen(face.mesh, STRAIGHT))
-    hull = cv2.convexHull(face.mesh.astype(np.float32))
-    depth = np.array([cv2.pointPolygonTest(hull, (float(x), float(y)), True) for x, y in places])
-    plan.blend.close()
-    return plan.blend._alpha, depth, person
-
-
-def test_the_border_of_a_disguise_is_as_soft_everywhere_as_it_is_drawn() -> None:
-    alpha, depth, person = border_of(replace(DISGUISE, jaw=0.1, forehead=0.0))
-    within = person.reference.mask
-    assert alpha[within][depth > 6].min() > 0.95
-    assert np.median(alpha[within][depth < 1]) < 0.05
-    assert (alpha[~within] == 0).all()
+def test_a_disguise_shows_nothing_of_the_persons_skin() -> None:
+    person, other = (Identity.load(model_file(name)) for name in ("p01", "p02"))
+    for look in (SWAP, DISGUISE):
+        plan = Plan.of(person, Donor.of(other), replace(look, renderer="cpu"))
+        owners = {step.__self__.__class__ for step in steps_of(plan) if isinstance(step, MethodType)}
+        plan.blend.close()
+        assert (OwnSkin in owners) == (look is SWAP)

@@ -13,17 +13,28 @@ from guise.aam.landmarks.schemes import (
     BROWS,
     BROWS_AND_EYES,
     JAW,
+    LEFT_BROW,
+    LEFT_EYE,
     LOWER_INNER_LIP,
     LOWER_LIDS,
     NOSE,
     NOSE_TIP,
     OUTLINE,
+    RIGHT_BROW,
+    RIGHT_EYE,
     RIGHT_MOUTH_CORNER,
     UPPER_INNER_LIP,
     UPPER_LIDS,
 )
 from guise.aam.reference import ReferenceFrame
-from guise.aam.shape_transfer import LIMITS, MAX_LID_RATIO, ShapeTransfer, jaw_moves, laid_over, placement
+from guise.aam.shape_transfer import (
+    LIMITS,
+    MAX_LID_RATIO,
+    ShapeTransfer,
+    jaw_moves,
+    laid_over,
+    placement,
+)
 from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.common.arrays import F64
 
@@ -138,6 +149,22 @@ def test_features_keep_their_own_proportions_within_the_heads_outline() -> None:
     assert_allclose(transfer.solid[OUTLINE], transfer.source.rest[OUTLINE], atol=1e-6)
     own, there = (np.ptp(solid[NOSE][:, 1]) for solid in (PRIOR.rest_of(FRAME.points).rest, transfer.solid))
     assert there > 1.04 * own
+
+
+def test_a_face_that_is_to_lie_farther_apart_differs_more_within_the_same_outline() -> None:
+    near, far = (transfer_of(SOURCE, TARGET, FRAME, apart=apart, learned=False) for apart in (0.0, 0.9))
+    own, more = near.solid - near.source.rest, far.solid - near.solid
+    assert_allclose(more[NOSE], 0.9 * own[NOSE], atol=1e-9)
+    for part in (RIGHT_BROW, LEFT_BROW, RIGHT_EYE, LEFT_EYE):  # as wholes
+        assert_allclose(more[part], np.tile(0.9 * own[part].mean(0), (len(part), 1)), atol=1e-9)
+    assert_allclose(far.solid[OUTLINE], near.solid[OUTLINE], atol=1e-6)
+
+
+def test_it_opens_eyes_and_lips_as_far_as_without_that() -> None:
+    wide, small = with_eyes(1.5), with_eyes(0.6)  # 1.9 times that difference would turn lids inside out
+    near, far = (carried(transfer_of(wide, small, FRAME, apart=apart), posed(wide)) for apart in (0.0, 0.9))
+    for upper, lower in ((UPPER_LIDS, LOWER_LIDS), (UPPER_INNER_LIP, LOWER_INNER_LIP)):
+        assert_allclose((far[lower] - far[upper])[:, 1], (near[lower] - near[upper])[:, 1], atol=0.3)
 
 
 def test_movements_keep_their_size() -> None:

@@ -35,14 +35,15 @@ class Watch:
         person: Identity,
         *,
         only_objects: bool = False,
+        keeps_hair: bool = False,
         beyond: F32 | None = None,
         watches_eyes: bool = True,
         beard: F32 | None = None,
     ) -> None:
         self.reference, self.texels = person.reference, ParameterEstimator(person.appearance).sampler
         self.cover = Cover(
-            self.reference, self.texels, only_objects=only_objects, beyond=beyond, watches_eyes=watches_eyes,
-            beard=beard,
+            self.reference, self.texels, only_objects=only_objects, keeps_hair=keeps_hair, beyond=beyond,
+            watches_eyes=watches_eyes, beard=beard,
         )  # fmt: skip
         self.memory = Memory()
 

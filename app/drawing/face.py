@@ -131,8 +131,8 @@ class Layers:
         return Layers(self.parsing, self.hidden * (1 - share)[..., None])
 
     def at(self, points: Floating) -> F32:
-        """(n, k) at points (n, 2) of the picture."""
-        return self.parsing.at(points, self.hidden)
+        """(n, k) at points (n, 2) of the picture; beyond what was parsed as at its edge, where hair goes on."""
+        return self.parsing.at(points, self.hidden, cv2.BORDER_REPLICATE)
 
 
 def ramp(shares: F32, ends: tuple[float, float]) -> F32:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 Whose = Literal["source", "donor", "painted"]
 Glasses = Literal["off", "keep"]
-InFront = Literal["all", "objects"]
+InFront = Literal["all", "hair", "objects"]
 Kind = Literal["swap", "live", "disguise", "puppet", "paper"]
 
 
@@ -27,12 +27,14 @@ class Look:
     kind : which passes draw it, see `guise.app.drawing.plan`.
     alpha : share in [0, 1] of the expression outside the donor's own space that is let through.
     renderer : "auto", "gl" or "cpu".
-    eyes, mouth : whose eyeballs and inside of the mouth show between the drawn lids and lips; "painted" are nobody's.
+    eyes, mouth : whose eyeballs and inside of the mouth show between the drawn lids and lips; "painted" eyes are
+        nobody's.
     in_front : what stays in front of the drawn face: "all" that is in front of the person's, hair and glasses too;
-        "objects", only those that reach in from beyond the face, so that no part of it shows by mistake.  The looks
-        "paper" and "puppet" draw over all.
+        "objects", only those that reach in from beyond the face, so that no part of it shows by mistake; "hair", these
+        and hair that reaches in.  The looks "paper" and "puppet" draw over all.
     glasses : whether those of a donor who wears some come along, over who wears none.  The donor's face is the same.
     outline : share in [0, 1] by which the head's jaw line goes to the face's own, with a little of what is beside it.
+    apart : share by which the face differs more from the person's at rest than the donor's does.
     jaw, forehead : face widths by which the face is drawn beyond the head's outline, the forehead most in the
         middle, to hide the rim of the face as well.
     exact : by the papers' formulas as they stand: "paper" neither anchored on neutral faces nor gated, "puppet" in the
@@ -50,6 +52,7 @@ class Look:
     in_front: InFront = "all"
     glasses: Glasses = "off"
     outline: float = 0.0
+    apart: float = 0.0
     jaw: float = 0.0
     forehead: float = 0.0
     exact: bool = False
@@ -60,13 +63,13 @@ class Look:
 SWAP = Look("swap")
 # The same for a camera, where nobody looks the frames through: nothing of the person's features shows by mistake.
 LIVE = Look("live", eyes="donor", in_front="objects", jaw=tuned(0.035, "face widths", "live.closed"))
-# Features in other proportions and everything within the outline drawn anew, so that the person is harder to recognise
-# from what remains of the head; no hair and no glasses of theirs but strands at the rim of a higher forehead.
+# Up to the person's hair and a little beyond the jaw, with features that lie farther from the person's than the donor's
+# do, so that the person is harder to recognise from what remains of the head; nothing of their eyes and skin.
 DISGUISE = Look(
     "disguise",
     eyes="painted",
-    mouth="painted",
-    in_front="objects",
+    in_front="hair",
+    apart=tuned(0.9, "share", "deidentify.attack"),
     jaw=tuned(0.05, "face widths", "deidentify.identity"),
     forehead=tuned(0.28, "face widths", "deidentify.identity"),
 )

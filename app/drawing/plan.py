@@ -22,8 +22,8 @@ from guise.aam.irises import EYES, Irises
 from guise.aam.landmarks.schemes import INNER_LIPS
 from guise.aam.mask import skin_mask
 from guise.aam.model import Identity
-from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame, remap_points
-from guise.aam.relief import STRAIGHT, Relief
+from guise.aam.reference import ReferenceFrame
+from guise.aam.relief import Relief
 from guise.aam.shape_transfer import ShapeTransfer
 from guise.aam.skin_tone import toned
 from guise.aam.solid_shape import SolidFit
@@ -36,12 +36,11 @@ from guise.app.drawing.passes.blend import Blend
 from guise.app.drawing.passes.brows import DrawnBrows, HeadBrows
 from guise.app.drawing.passes.cover import Cover, DonorGlasses, shown_mask
 from guise.app.drawing.passes.eyes import Apertures, Eyeballs, LidCloser
-from guise.app.drawing.passes.forehead import Hairline, outward, strands
+from guise.app.drawing.passes.forehead import Hairline, outward
 from guise.app.drawing.passes.irises import Gaze, IrisChange, IrisTint
 from guise.app.drawing.passes.light import QuotientLight
-from guise.app.drawing.passes.mouth import InnerMouth
 from guise.app.drawing.passes.paper_light import PaperLight
-from guise.app.drawing.passes.place import Place, RigidPlace, proportions
+from guise.app.drawing.passes.place import Place, RigidPlace
 from guise.app.drawing.passes.surface import Finish, OwnSkin
 from guise.app.drawing.passes.texture import Enlargement, PlainTexture, Texture
 from guise.app.drawing.passes.turned import Folds, Silhouette, whole_cosines
@@ -101,7 +100,7 @@ class Plan:
 def _fitted(person: TrackedPerson, donor: Donor, shown: AppearanceModel, look: Look) -> Texture:
     """The texture of a donor, as they are shown beside a person, who is fitted into the head of that person."""
     own, relief = person.identity.appearance, Relief.shipped(person.identity.reference)
-    transfer = ShapeTransfer(person.solid, donor.solid, own.reference, outline=look.outline)
+    transfer = ShapeTransfer(person.solid, donor.solid, own.reference, outline=look.outline, apart=look.apart)
     skin = skin_mask(own.reference)[own.reference.mask]
     theirs, shade = (np.log(np.maximum(one.neutral_texture[skin], 1)).mean(0) for one in (own, shown))
     tone = np.asarray(np.exp(shade - theirs), np.float32)
@@ -132,8 +131,11 @@ def _iris_change(person: TrackedPerson, donor: Donor, rgb: F32) -> IrisChange | 
     return change if change.is_known(donor.eye_pixels) else None
 
 
-def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
-    """A donor's face in the light of the scene, with what is in front of the person's and their gaze."""
+def _swap(person: TrackedPerson, donor: Donor, look: Look, *, shows_skin: bool = True) -> Plan:
+    """A donor's face in the light of the scene, with what is in front of the person's and their gaze.
+
+    shows_skin : with the fine structure of the person's skin.
+    """
     own, reference = person.identity.appearance, person.identity.reference
     even = own.with_neutral_texture(even_texture(person.identity))
     own_beard, goes_on = beard(person.identity.rest_frame, reference)
@@ -146,39 +148,55 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     own_mouth = (INNER_LIPS,) if look.mouth == "source" else ()
     irises = _iris_change(person, donor, rgb) if own_eyes else None
     tint = partial(IrisTint, irises) if irises else None
+    eyeballs = _painted_eyes(person, donor, rgb) if look.eyes == "painted" else ()
+    light = QuotientLight(reference, texels, mask, (even.neutral_texture, rgb))
+    hairline = Hairline(reference, rgb, look.forehead) if look.forehead > 0 else None
+    detail = donor.clean.detail
+    enlargement = Enlargement(hairline.forehead.detailed(detail) if hairline else detail, cv2.INTER_CUBIC)
     cover = Cover(
         reference,
         person.estimator.sampler,
-        only_objects=look.in_front == "objects",
-        watches_eyes=bool(own_eyes),
+        only_objects=look.in_front != "all",
+        keeps_hair=look.in_front == "hair",
+        beyond=hairline.forehead.added if hairline else None,
+        watches_eyes=look.eyes != "donor",
         beard=own_beard,
     )
     beyond = outward(reference, look.jaw, look.forehead) + _over_beard(
         np.minimum(own_beard, beards), look, reference
     )
-    place = Place(reference, np.eye(POINTS), beyond)
-    light = QuotientLight(reference, texels, mask, (even.neutral_texture, rgb))
+    place = Place(reference, beyond)
     silhouette, folds = Silhouette(relief, texels), Folds(relief)
-    surface, own_skin = Finish(reference, mask), OwnSkin(relief)
-    enlargement = Enlargement(donor.clean.detail, cv2.INTER_CUBIC)
-    apertures = Apertures(reference, person.at_rest, (*own_eyes, *own_mouth), EYES, tint, ())
-    drawn_brows = DrawnBrows(reference, np.eye(POINTS))
-    alpha = feather(mask, FEATHER * reference.resolution)
+    surface = Finish(reference, mask)
+    skin = (OwnSkin(relief).add,) if shows_skin else ()
+    theirs, drawn = ((), EYES) if eyeballs else (EYES, ())  # lids of shut eyes
+    apertures = Apertures(reference, person.at_rest, (*own_eyes, *own_mouth), theirs, tint, drawn)
+    drawn_brows = DrawnBrows(reference)
+    alpha = feather(mask, (FEATHER if shows_skin else NARROW_FEATHER) * reference.resolution)
     alpha = np.maximum(alpha, beards * feather(mask, BEARD_LIMITS.edge_face_widths * reference.resolution))
     blend, rest = Blend(relief, alpha, look.renderer), texture.transfer.source
     looks = (Gaze(irises.source, person.at_rest).follow,) if irises else ()
     glasses = _glasses(donor, texture.transfer, reference) if look.glasses == "keep" else ()
     seeing = _seeing(texture, cover, silhouette, person)
     placing = (
-        place.lay, *looks, light.measure, cover.share, *((place.pull_jaw,) if look.outline > 0 else ()),
+        place.lay, *looks, *eyeballs, light.measure, cover.share, *((place.pull_jaw,) if look.outline > 0 else ()),
         silhouette.share, enlargement.choose, blend.spread, blend.begin,
     )  # fmt: skip
     drawing = (
-        cover.rims, folds.find, light.apply, blend.scatter, surface.sharpen, folds.smooth, enlargement.enlarge,
-        drawn_brows.keep_thick, surface.add_grain, surface.look, own_skin.add, apertures.draw,
-        drawn_brows.cover_own, blend.composite, folds.soften_edges, surface.compare, blend.write, *glasses,
+        cover.rims, folds.find, light.apply, blend.scatter, *((hairline.draw,) if hairline else ()),
+        surface.sharpen, folds.smooth, enlargement.enlarge, drawn_brows.keep_thick, surface.add_grain,
+        surface.look, *skin, apertures.draw, drawn_brows.cover_own, blend.composite, folds.soften_edges,
+        surface.compare, blend.write, *glasses,
     )  # fmt: skip
     return Plan(look, person.identity, donor.clean, texture, blend, rest, seeing, placing, drawing)
+
+
+def _painted_eyes(person: TrackedPerson, donor: Donor, rgb: F32) -> tuple[Step, ...]:
+    """What paints a donor's eyeballs into their texture (n, 3), looking where the person looks."""
+    reference = person.identity.reference
+    theirs = Irises.at_rest(reference, donor.at_rest, rgb)
+    gaze = Gaze(person.irises, person.at_rest)
+    return gaze.follow, Eyeballs(reference, theirs, donor.at_rest, rgb).paint
 
 
 def _over_beard(own: F32, look: Look, reference: ReferenceFrame) -> F64:
@@ -196,45 +214,6 @@ def _glasses(donor: Donor, transfer: ShapeTransfer, reference: ReferenceFrame) -
     if worn is None:
         return ()
     return (DonorGlasses(GlassesOnHead.of(worn, rest.shape, transfer.solid), reference).draw,)
-
-
-def _disguise(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
-    """A face in other proportions, whose forehead, eyes and mouth are drawn anew."""
-    own, reference = person.identity.appearance, person.identity.reference
-    even = own.with_neutral_texture(even_texture(person.identity))
-    shown, relief = toned(donor.clean.appearance, even), Relief.shipped(reference)
-    rgb = shown.neutral_texture
-    texture = _fitted(person, donor, shown, look)
-    mask, texels, moved = reference.mask, person.texels, proportions(reference)
-    beyond = outward(reference, look.jaw, look.forehead)
-    hairline = Hairline(reference, rgb, look.forehead)
-    forehead = hairline.forehead
-    enlargement = Enlargement(forehead.detailed(donor.clean.detail), cv2.INTER_CUBIC)
-    cover = Cover(
-        reference, person.estimator.sampler, only_objects=look.in_front == "objects", beyond=forehead.added
-    )
-    place = Place(reference, moved, beyond)
-    gaze = Gaze(person.irises, person.at_rest)
-    eyeballs = Eyeballs(reference, Irises.at_rest(reference, donor.at_rest, rgb), donor.at_rest, rgb)
-    mouth = InnerMouth(reference, donor.at_rest)
-    light = QuotientLight(reference, texels, mask, (even.neutral_texture, rgb))
-    silhouette, folds = Silhouette(relief, texels), Folds(relief)
-    surface = Finish(reference, mask)
-    own_lids = Apertures(reference, person.at_rest, (), (), None, EYES)
-    drawn_brows = DrawnBrows(reference, moved)
-    alpha = _feathered(relief, moved @ donor.at_rest + beyond, beyond)
-    blend, rest = Blend(relief, alpha, look.renderer), texture.transfer.source
-    seeing = _seeing(texture, cover, silhouette, person)
-    placing = (
-        place.lay, gaze.follow, eyeballs.paint, mouth.paint, light.measure, cover.share, enlargement.choose,
-        blend.spread, place.to_hull, blend.begin,
-    )  # fmt: skip
-    drawing = (
-        folds.find, light.apply, blend.scatter, hairline.draw, surface.sharpen, folds.smooth, enlargement.enlarge,
-        drawn_brows.keep_thick, surface.add_grain, surface.look, own_lids.draw, drawn_brows.cover_own,
-        blend.composite, folds.soften_edges, surface.compare, blend.write,
-    )  # fmt: skip
-    return Plan(look, person.identity, donor.clean, texture, blend, rest, seeing, placing, drawing)
 
 
 def _paper(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
@@ -283,28 +262,5 @@ def _puppet(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
 
 
 _PLANS: dict[Kind, Callable[[TrackedPerson, Donor, Look], Plan]] = {
-    "swap": _swap, "live": _swap, "disguise": _disguise, "paper": _paper, "puppet": _puppet,
+    "swap": _swap, "live": _swap, "disguise": partial(_swap, shows_skin=False), "paper": _paper, "puppet": _puppet,
 }  # fmt: skip
-
-
-def _feathered(relief: Relief, shape: F64, beyond: F64) -> F32:
-    """(h, w) alpha with a border of even softness on a shape (81, 2) as it is drawn, and strands at the hairline.
-
-    A disguise stretches the grid's border, most at the temples: a border of the grid would show much hair there.
-    """
-    reference = relief.reference
-    mesh = relief.seen(shape, STRAIGHT)
-    mesh = mesh - np.floor(mesh.min(0))
-    drawn = np.zeros(np.ceil(mesh.max(0)[::-1]).astype(int) + 1, np.uint8)
-    for triangle in np.round(16 * mesh).astype(np.int32)[reference.triangles]:
-        cv2.fillConvexPoly(drawn, triangle, 1, shift=4)
-    alpha = feather(drawn > 0, NARROW_FEATHER * reference.resolution)
-    alpha *= strands(mesh[:POINTS], drawn > 0, beyond, reference.resolution)
-    places = _every_pixel(relief.mesh, reference).positions(mesh)
-    return reference.scatter(remap_points(alpha, places))
-
-
-def _every_pixel(mesh: ReferenceFrame, reference: ReferenceFrame) -> MeshSampler:
-    """Of a reference frame's mask pixels on a relief's mesh."""
-    ys, xs = np.divmod(reference.pixels, reference.size[1])
-    return MeshSampler.build(mesh, np.column_stack([xs, ys]).astype(np.float64))

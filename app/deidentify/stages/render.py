@@ -155,17 +155,16 @@ class SegmentRenderer(Closing):
 
     def _open_engine(self, number: int) -> Engine:
         track, options = self._tracks[number], self._case.options
+        look = (
+            DISGUISE
+            if options.region == "face"
+            else replace(DISGUISE, in_front="objects", forehead=0.0, jaw=0.0)
+        )
         return Engine(
             self._case.model_of(track.origin),
             Donor.of(open_donor(track.donor)),
             None,
-            replace(
-                DISGUISE,
-                alpha=options.alpha,
-                renderer=options.renderer,
-                forehead=DISGUISE.forehead if options.region == "face" else 0.0,
-                hold_seconds=0.0,
-            ),
+            replace(look, alpha=options.alpha, renderer=options.renderer, hold_seconds=0.0),
         )
 
     def _release(self, track: int) -> None:

@@ -98,20 +98,18 @@ class DrawnBrows:
     Parameters
     ----------
     reference : ReferenceFrame.
-    proportions : (81, 81) weights that take a face's points to those that are drawn.
     """
 
-    def __init__(self, reference: ReferenceFrame, proportions: F64) -> None:
-        self._width, self._proportions = reference.resolution, proportions
+    def __init__(self, reference: ReferenceFrame) -> None:
+        self._width = reference.resolution
         self._strips = {factor: _strips(reference, factor) for factor in (1, 2)}
 
     def keep_thick(self, face: FaceInFrame, memory: Memory) -> None:
         """Read the brows of the picture as thick as they are at rest."""
         at_rest = face.sight.at_rest
         if at_rest is not None:
-            drawn, at_rest = self._proportions @ face.shape, self._proportions @ at_rest
             for strip in self._strips[1 + face.canvas.fine]:
-                strip.keep(face.canvas.picture, drawn, at_rest)
+                strip.keep(face.canvas.picture, face.shape, at_rest)
 
     def cover_own(self, face: FaceInFrame, memory: Memory) -> None:
         """Paint over the head's own brows in the frame."""

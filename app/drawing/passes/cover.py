@@ -7,7 +7,8 @@ face.
 
 Where no part of the person may show, only objects stay in front, and only those that reach in from beyond the face, as
 hands and mugs do: a patch within it that is taken for an object may be skin, and between bars or wires all may be.  A
-lock of hair, which is easily taken for an object or for background, is told by its colour: that of all the hair.
+lock of hair, which is easily taken for an object or for background, is told by its colour: that of all the hair.  Hair
+that reaches in above the mouth may stay, too; below, a beard may be taken for it.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from guise.aam.landmarks.schemes import (
     NOSE_TIP,
     RIGHT_BROW,
     RIGHT_EYE,
+    UPPER_LIP_TOP,
 )
 from guise.aam.mask import soft_parts
 from guise.aam.parsing import FaceClass, FaceParser, FaceParsing
@@ -46,6 +48,7 @@ from guise.app.drawing.face import (
     Layers,
     Seen,
     parse_frame,
+    ramp,
 )
 from guise.app.drawing.memory import CoverMemory, Memory
 from guise.app.media import Frame
@@ -118,7 +121,8 @@ class Cover:
     ----------
     reference : ReferenceFrame.
     texels : sampler of the places at which light and expression are measured.
-    only_objects : hair, glasses and whatever lies wholly within the face don't stay in front.
+    only_objects : hair, glasses and whatever lies wholly within the face don't stay in front;
+    keeps_hair : but hair that reaches in does.
     beyond : (h, w) share in [0, 1] by which what is drawn lies beyond the person's own face: no background there is
         drawn over.
     watches_eyes : whether a frame in which the eyes move is parsed.
@@ -126,11 +130,11 @@ class Cover:
     """
 
     def __init__(
-        self, reference: ReferenceFrame, texels: MeshSampler, *, only_objects: bool = False,
+        self, reference: ReferenceFrame, texels: MeshSampler, *, only_objects: bool = False, keeps_hair: bool = False,
         beyond: F32 | None = None, watches_eyes: bool = True, beard: F32 | None = None,
     ) -> None:  # fmt: skip
         self._reference = reference
-        self._only_objects = only_objects
+        self._only_objects, self._keeps_hair = only_objects, keeps_hair
         self._kinds = SURE_KINDS if only_objects else KINDS
         self._parser = FaceParser()
         self._cells = _Cells(reference, beyond, beard)
@@ -187,7 +191,8 @@ class Cover:
         if self._only_objects:  # a beard has the hair's colour, too, and is seen
             is_needed = beside is not None or layers.hidden[..., 0].any()
             hair = _hair_coloured(frame, parsing) if is_needed else np.zeros_like(parsing.shares[0])
-            layers, beside = layers.with_map(hair), beside and beside.without(hair)
+            layers = layers.with_map(hair)
+            beside = beside if self._keeps_hair else beside and beside.without(hair)
         seen.layers, seen.beside = layers, beside
 
     def _uncovered(self, face: FaceInFrame, memory: Memory) -> F32 | None:
@@ -196,20 +201,22 @@ class Cover:
         places = cells.places(face)
         assert seen.layers is not None
         layers = seen.layers.at(places).T
-        since = memory.clock.now - kept.parsed_at
+        worn = np.zeros_like(layers[0])
         if self._only_objects:
             hidden, is_moving = cells.reaching_in(*layers[1:])
-            if is_moving and _is_behind_lines(face.frame, face.head):
-                hidden = 0 * hidden
+            if self._keeps_hair:
+                worn = cells.hair_reaching_in(layers[2])
+            if (is_moving or worn.any()) and _is_behind_lines(face.frame, face.head):
+                hidden, worn = 0 * hidden, worn * (0 if cells.beyond is None else cells.beyond)
         else:
             thing, worn = cells.in_front(*layers)
             is_moving = cells.is_object(thing) and cells.have_moved(thing, kept.thing)
-            hidden = np.maximum(cells.lasting(thing, kept.thing), _steady(kept, worn, since))
+            hidden = cells.lasting(thing, kept.thing)
             kept.thing = thing
         kept.due = memory.clock.now + (0.0 if is_moving else PAUSE_SECONDS)
         if seen.beside is not None and cells.beyond is not None:
-            beside = _steady(kept, seen.beside.at(places)[:, 0] * cells.beyond, since)
-            hidden = np.maximum(hidden, beside)
+            worn = np.maximum(worn, seen.beside.at(places)[:, 0] * cells.beyond)
+        hidden = np.maximum(hidden, _steady(kept, worn, memory.clock.now - kept.parsed_at))
         return cells.on_reference(1 - hidden) if np.maximum.reduce(hidden) > MIN_SHARE else None
 
     def _find_rims(self, face: FaceInFrame, memory: Memory) -> None:
@@ -290,7 +297,8 @@ class _Cells:
         self._rim = self._face & (
             cv2.erode(np.pad(self._face.astype(np.uint8), 1), np.ones((reach, reach)))[1:-1, 1:-1] == 0
         )
-        eyes = soft_parts(reference, EYES, 0.0)
+        eyes, (mouth, nose) = soft_parts(reference, EYES, 0.0), reference.points[[UPPER_LIP_TOP, NOSE_TIP], 1]
+        self._above_mouth = np.asarray(np.clip((mouth - y) / (mouth - nose), 0, 1), np.float32)
         self._weights = np.asarray([1 - around[y, x], 1 - eyes[y, x]], np.float32)  # of hair and of frames
         middle = 2 * reference.points[NOSE_ROOT, 0] / self._grid.cell
         self._mirrored = np.clip(np.round(middle - np.arange(width)).astype(int), 0, width - 1)
@@ -306,6 +314,17 @@ class _Cells:
         of_hair, of_frames = self._weights
         glasses = self._on_both_sides(np.maximum(frame * of_frames, lens))
         return thing, np.maximum(hair * of_hair, glasses)
+
+    def hair_reaching_in(self, hair: F32) -> F32:
+        """Share (n,) of the cells that hair (n,) hides which reaches over the rim of the face, above the mouth."""
+        hair = ramp(hair, LIMITS.hair_share)
+        inside = (hair.reshape(self._grid.size) > MIN_SHARE) & self._face
+        _, labels = cv2.connectedComponents(inside.astype(np.uint8))
+        there = inside & np.isin(labels, labels[self._rim & inside])
+        return (
+            np.where((there | ~self._face).ravel(), hair * self._weights[0], np.float32(0))
+            * self._above_mouth
+        )
 
     def have_moved(self, thing: F32, before: F32 | None) -> bool:
         """Whether things that hide shares (n,) of the cells do not lie over the face as before."""

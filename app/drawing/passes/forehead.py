@@ -1,15 +1,13 @@
-"""The forehead of a disguise, which is drawn over hair: its skin, and where it passes into the hair.
+"""The forehead of a disguise, which is drawn up to the hair of the person, and beneath it: its skin.
 
-The mesh is stretched from the brows to the new hairline, and a texture with it, until brows are smeared upwards.  So
-what lies above them is read from where it would lie without the stretch, and beyond the face's own hairline, and at the
-temples' rim, skin is continued as in a mirror.  It is softened, so that nothing is seen twice, and gets the grain of
-the cheeks instead.  At the new hairline strands of the head's hair lie over the skin, as they do where hair recedes,
-and shade it.  Grid pixels, x right, y down.
+The mesh is stretched from the brows upwards, and a texture with it, until brows are smeared.  So what lies above them
+is read from where it would lie without the stretch, and beyond the face's own hairline, and at the temples' rim, skin
+is continued as in a mirror.  It is softened, so that nothing is seen twice, and gets the grain of the cheeks instead.
+Grid pixels, x right, y down.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -31,7 +29,7 @@ from guise.aam.light import LUMA
 from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame
 from guise.app.drawing.face import BROW_THICKNESS, FaceInFrame
 from guise.app.drawing.memory import Memory
-from guise.common.arrays import F32, F64, U8, Bool
+from guise.common.arrays import F32, F64, U8
 from guise.common.tuned import derived, tuned
 
 
@@ -39,20 +37,13 @@ from guise.common.tuned import derived, tuned
 class ForeheadLimits:
     """Face widths."""
 
-    # within the face's own hairline, where its texture isn't only skin; below the new one, where hair leaves its shade
+    # within the face's own hairline, where its texture isn't only skin
     rim: float = tuned(0.055, "face widths", "deidentify.identity")
     # standard deviation, and the least height of skin
     softening: float = tuned(0.03, "face widths", "deidentify.identity")
     # share by which that is read nearer to the middle, off the ends of brows
     inwards: float = tuned(0.4, "share", "deidentify.identity")
     cheek: float = tuned(0.16, "face widths", "deidentify.identity")  # side of the skin whose grain it gets
-    # of the light at the hairline, which hair keeps off
-    shadow: float = tuned(0.3, "share", "deidentify.identity")
-    # Of the strands at the hairline: how far they reach in at the middle and stay alike, how wide they and tufts of
-    # them are, and how soft their ends are, as a share of their reach.
-    reach: float = tuned(0.09, "face widths", "deidentify.identity")
-    widths: tuple[float, float] = tuned((0.004, 0.012), "face widths", "deidentify.identity")
-    softness: float = tuned(0.65, "share", "deidentify.identity")
     widening: float = tuned(0.4, "share", "deidentify.identity")  # sideways share of what is added
 
 
@@ -70,14 +61,12 @@ class Forehead:
     softened : (h, w) share in [0, 1] by which it is softened there: what is mirrored must not be seen twice.
     sigma : pixels, of that.
     added : (h, w) share in [0, 1] by which a pixel is drawn beyond the face's own hairline.
-    lit : (h, w) share in [0, 1] of the light that hair leaves.
     """
 
     places: F32
     softened: F32
     sigma: float
     added: F32
-    lit: F32
 
     @classmethod
     def of(cls, reference: ReferenceFrame, face_widths: float) -> Forehead:
@@ -101,18 +90,14 @@ class Forehead:
         inwards = along * (1 - LIMITS.inwards * added * beyond)
         source = centre + _mirrored(reference, centre, inwards, away - own)
         read[reference.pixels] = np.where(share[:, None] > 0, source, places)
-        below = np.maximum(_at_outline(reference.points + moved, centre, along) - away, 0)
-        at_line, _ = _polar(reference.points[FOREHEAD] - centre)
-        raised = np.interp(along, at_line, _shares(moved), left=0, right=0)
-        shadow = LIMITS.shadow * raised * np.exp(-below / rim)
         over = away - _at_outline(reference.points, centre, along)
         drawn_over = added * np.clip(over / rim + added - 0.5, 0, 1)
-        softened, drawn_over, lit = (
-            reference.scatter(plane.astype(np.float32)) for plane in (share * beyond, drawn_over, 1 - shadow)
+        softened, drawn_over = (
+            reference.scatter(plane.astype(np.float32)) for plane in (share * beyond, drawn_over)
         )
         return cls(
             read.reshape(height, width, 2).astype(np.float32), softened, LIMITS.softening * reference.resolution,
-            drawn_over, np.where(reference.mask, lit, np.float32(1)),
+            drawn_over,
         )  # fmt: skip
 
     def continued(self, picture: U8) -> U8:
@@ -129,7 +114,7 @@ class Forehead:
 
 
 class Hairline:
-    """Draws the forehead of a disguise over hair.
+    """Draws the forehead of a disguise up to the hair.
 
     Parameters
     ----------
@@ -143,11 +128,11 @@ class Hairline:
         self._grain = self.forehead.softened * skin_grain(texture, reference)
 
     def draw(self, face: FaceInFrame, memory: Memory) -> None:
-        """Continue the picture's forehead over hair, with the grain of its cheeks and the shade of hair."""
-        canvas, black = face.canvas, float(face.frame.colour.from_rgb[0, 3])
+        """Continue the picture's forehead, with the grain of its cheeks."""
+        canvas = face.canvas
         picture = self.forehead.continued(canvas.picture)
-        lit = (cv2.extractChannel(picture, 0) - np.float32(black)) * self.forehead.lit
-        luma = cv2.addWeighted(lit, 1.0, self._grain, canvas.contrast, black, dtype=cv2.CV_8U)
+        luma = cv2.extractChannel(picture, 0)
+        luma = cv2.addWeighted(luma, 1.0, self._grain, canvas.contrast, 0.0, dtype=cv2.CV_8U)
         canvas.picture = np.asarray(cv2.insertChannel(luma, picture, 0), np.uint8)
 
 
@@ -189,42 +174,6 @@ def skin_grain(texture: F32, reference: ReferenceFrame) -> F32:
 @lru_cache(maxsize=4)
 def _forehead(resolution: int, face_widths: float) -> Forehead:
     return Forehead._made(ReferenceFrame.canonical(resolution), face_widths)
-
-
-def strands(mesh: F64, inside: Bool, beyond: F64, face_width: float) -> F32:
-    """(h, w) share in [0, 1] of skin among the strands of hair at the rim of a face that is drawn on a mesh (81, 2).
-
-    inside : (h, w) where it is drawn.   beyond : (81, 2), the more its forehead is moved, the farther strands reach in.
-    """
-    centre = mesh[NOSE].mean(0)
-    at_line, _ = _polar(mesh[FOREHEAD] - centre)
-    depth = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
-    y, x = np.mgrid[: inside.shape[0], : inside.shape[1]]
-    along, _ = _polar(np.column_stack([x.ravel(), y.ravel()]) - centre)
-    along = along.reshape(inside.shape)
-    share = np.interp(along, at_line, _shares(beyond), left=0, right=0)
-    reach = face_width * LIMITS.reach * np.square(share)
-    hair = _hair(face_width)
-    rows = np.clip(depth, 0, len(hair) - 1).astype(np.float32)
-    columns = ((along / (2 * np.pi) + 0.5) * (hair.shape[1] - 1)).astype(np.float32)
-    length = cv2.remap(hair, columns, rows, cv2.INTER_LINEAR) * (1 - LIMITS.softness)
-    alpha = np.clip((depth / np.maximum(reach, 1) - length) / LIMITS.softness, 0, 1)
-    return np.asarray(np.where(share > 0, alpha, 1), np.float32)
-
-
-def _hair(face_width: float) -> F32:
-    """(depth, around) lengths of strands in [0, 1], as shares of the reach; they begin at the first row."""
-    size = math.ceil(LIMITS.reach * face_width) + 2, math.ceil(4 * face_width)
-    noise = np.random.default_rng(0).standard_normal((len(LIMITS.widths), *size)).astype(np.float32)
-    total = np.zeros(size, np.float32)
-    for width, one in zip(LIMITS.widths, noise, strict=True):
-        smooth = cv2.GaussianBlur(
-            one, (0, 0), sigmaX=max(width * face_width, 0.3), sigmaY=LIMITS.reach * face_width,
-            borderType=cv2.BORDER_REFLECT,
-        )  # fmt: skip
-        total += smooth / smooth.std()
-    order = np.argsort(np.argsort(total.ravel()))
-    return np.asarray(order.reshape(size) / (order.size - 1), np.float32)
 
 
 def _polar(away: F64) -> tuple[F64, F64]:

@@ -1,4 +1,4 @@
-"""Where a face is drawn on another head: on its pose, in a disguise in other proportions; the head's jaw line with it.
+"""Where a face is drawn on another head: on its pose, and the head's jaw line with it.
 
 Where the donor's jaw is narrower, wider, longer or shorter, the frame is warped before the face is drawn: its jaw line
 goes to the drawn one, what lies beside it follows less and less with the distance, and beyond a reach every pixel stays
@@ -16,20 +16,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guise.aam.hull import beyond_hull
 from guise.aam.landmarks.schemes import (
-    BROWS,
-    FOREHEAD,
-    HAIRLINE,
     JAW,
-    LEFT_BROW,
-    LEFT_EYE,
-    LEFT_TEMPLE,
-    NOSE_ROOT,
     OUTLINE,
-    RIGHT_BROW,
-    RIGHT_EYE,
-    RIGHT_TEMPLE,
     RIGID_WEIGHTS,
 )
 from guise.aam.reference import POINTS, ReferenceFrame
@@ -43,16 +32,12 @@ from guise.common.tuned import tuned
 
 @dataclass(frozen=True)
 class PlaceLimits:
-    """How points follow the outline, and by which a disguise moves the features, as shares of distances in the face."""
+    """How points follow the outline."""
 
     # over which the inner points follow the outline
     outline_reach: float = tuned(0.11, "face widths", "picture.truth")
     # by which the outline follows that of the head
     outline_share: float = tuned(0.7, "share", "picture.truth")
-    # of the way from the nose's root to the temple: each eye and its brow
-    eyes_apart: float = tuned(0.13, "share", "deidentify.identity")
-    # of the way from the nose's root to the hairline
-    brows_raised: float = tuned(0.05, "share", "deidentify.identity")
 
 
 @dataclass(frozen=True)
@@ -78,12 +63,11 @@ class Place:
     Parameters
     ----------
     reference : ReferenceFrame.
-    proportions : (81, 81) weights that take the face's points to those that are drawn.
     beyond : (81, 2) grid pixels, what is added at the outline, see `forehead.outward`.
     """
 
-    def __init__(self, reference: ReferenceFrame, proportions: F64, beyond: F64) -> None:
-        self._reference, self._proportions, self._beyond = reference, proportions, beyond
+    def __init__(self, reference: ReferenceFrame, beyond: F64) -> None:
+        self._reference, self._beyond = reference, beyond
         self._back = np.linalg.norm(beyond, axis=1, keepdims=True) / reference.resolution
 
     def lay(self, face: FaceInFrame, memory: Memory) -> None:
@@ -94,12 +78,8 @@ class Place:
         fit = self._reference.to_grid(face.head).inverse
         beyond = self._beyond @ fit.linear + self._back * face.sight.across
         beyond *= face.sight.facing[:POINTS, None]
-        face.mesh = self._proportions @ fit.apply(face.shape) + beyond
+        face.mesh = fit.apply(face.shape) + beyond
         face.zoom = fit.scale
-
-    def to_hull(self, face: FaceInFrame, memory: Memory) -> None:
-        """Leave no notches in the outline of the drawn mesh."""
-        face.canvas.mesh = convex(face.canvas.mesh)
 
     def pull_jaw(self, face: FaceInFrame, memory: Memory) -> None:
         """Move the frame's jaw line to that of the drawn face."""
@@ -119,17 +99,6 @@ class RigidPlace:
         face.mesh, face.zoom = mesh + self._pull @ (face.head - mesh), fit.scale
 
 
-def convex(points: F64) -> F64:
-    """Points (81 + k, 2) of a drawn face with the jaw's moved out to the convex hull of all that aren't the forehead's.
-
-    The far cheek of a turned head is seen before the line of its jaw, and the outline would have notches between them.
-    """
-    beyond, out = beyond_hull(points[JAW], np.delete(points, FOREHEAD, axis=0))
-    made = points.copy()
-    made[JAW] -= beyond[:, None] * out
-    return made
-
-
 def followed_outline(reference: ReferenceFrame) -> F64:
     """(81, 81) weights by which each point follows the outline of the head in the picture.
 
@@ -142,21 +111,6 @@ def followed_outline(reference: ReferenceFrame) -> F64:
     pull[:, OUTLINE] = _bound(reference) * near / near.sum(1, keepdims=True)
     pull[OUTLINE] = np.eye(POINTS)[OUTLINE]
     return LIMITS.outline_share * pull
-
-
-def proportions(reference: ReferenceFrame) -> F64:
-    """(81, 81) weights that take a face's points to those of a face with other proportions and the same outline.
-
-    Eyes and brows lie farther apart, and the brows higher.  Every displacement is a share of a
-    distance in the face itself, so that position, size and rotation in the picture don't matter and the far side of a
-    turned head moves only as much as it is wide.
-    """
-    points = np.eye(POINTS)
-    moves = np.zeros_like(points)
-    for brow, eye, temple in ((RIGHT_BROW, RIGHT_EYE, RIGHT_TEMPLE), (LEFT_BROW, LEFT_EYE, LEFT_TEMPLE)):
-        moves[np.r_[brow, eye]] = LIMITS.eyes_apart * (points[temple] - points[NOSE_ROOT])
-    moves[BROWS] += LIMITS.brows_raised * (points[HAIRLINE] - points[NOSE_ROOT])
-    return np.asarray(points + (1 - _bound(reference)) * moves)
 
 
 def _bound(reference: ReferenceFrame) -> F64:
