@@ -133,9 +133,10 @@ class KeyframeAlbum:
             whole = [*self._resting, replace(kept, observation=seen)]
             self._resting = sorted(whole, key=lambda k: k.features.expression)[: LIMITS.resting_frames]
 
-    def frames(self) -> list[Observation]:
-        """The keyframes in order of time, each once; pictures only of those at rest."""
-        kept = {k.number: k for k in (*self._sharpest.values(), *self._diverse.kept, *self._resting)}
+    def frames(self, pictures: int | None = None) -> list[Observation]:
+        """The keyframes in order of time, each once; pictures only of those at rest, or of so many of them."""
+        resting = self._resting[:pictures]
+        kept = {k.number: k for k in (*self._sharpest.values(), *self._diverse.kept, *resting)}
         return [kept[number].observation for number in sorted(kept)]
 
     def _rests(self, features: FrameFeatures) -> bool:

@@ -32,6 +32,7 @@ Keep = Callable[[Identity], None]
 
 _OWN = "Face {0} may be your own, and stays covered: choose it again (key {0}) to show it."
 GROWTH = 4.0  # by which an enrolment has grown when its model is trained anew
+QUICK_PICTURES = 2  # of a model that is soon trained anew; its detail takes half of the time otherwise
 PROBLEM_RING_SHARE = 0.05  # of a new enrolment, up to which the problem with the previous one is shown
 
 
@@ -204,7 +205,8 @@ class BackgroundEnrolment:
 
     def _begin(self, ring: float) -> None:
         self._trained = ring
-        work = partial(self._train, self._enrolment.frames(), is_last=ring >= 1)
+        frames = self._enrolment.frames(None if ring >= 1 else QUICK_PICTURES)
+        work = partial(self._train, frames, is_last=ring >= 1)
         self._thread = threading.Thread(target=work, name="guise-live-enrol")
         self._thread.start()
 
