@@ -308,6 +308,7 @@ def test_a_cover_is_refused_a_box_is_drawn_and_the_report_says_both(
     card.get_by_role("button", name="Not a face").click()
     page.get_by_text("1 place stays as it is, as you said that there is no face.").wait_for()
     stage = page.get_by_role("group", name="A frame before and after")
+    stage.scroll_into_view_if_needed()
     box = stage.bounding_box()
     corners = [
         (box["x"] + x * box["width"], box["y"] + y * box["height"]) for x, y in ((0.06, 0.4), (0.2, 0.55))

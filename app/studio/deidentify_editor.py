@@ -198,6 +198,7 @@ class TrackEditor:
         number = track["track"]
         with ui.row().classes("items-center"):
             cut = ui.button("Split at the frame shown", icon="content_cut", color=None)
+            cut.set_visibility(self._frames > 1)
             cut.on_click(partial(self._split, number)).props("flat dense")
             cut.props["aria-label"] = f"Split track {number} at the frame that is shown"
             own = self._choices.person_of(track)
@@ -252,7 +253,8 @@ class TrackEditor:
             ui.label("For mosaic and blur: 1 leaves six cells across a face, 5 leaves two.").classes(
                 "opacity-70"
             )
-            self._setting("Sound", "audio", SOUNDS)
+            if self._frames > 1:
+                self._setting("Sound", "audio", SOUNDS)
             region = self._setting("Replaced", "region", REGIONS)
             ui.label().classes("opacity-70").bind_text_from(region, "value", _told)
             with ui.row().classes("items-center w-full no-wrap pr-4"):

@@ -31,7 +31,7 @@ class FilePicker:
                 "clearable outlined dense use-chips" if several else "clearable outlined dense"
             )
             self._select.classes("w-full").on("popup-show", lambda: self._offer())
-            with ui.row().classes("items-center"):
+            with ui.row().classes("w-full items-center no-wrap"):
                 uploader(
                     studio,
                     "Choose",
