@@ -50,6 +50,7 @@ def likeness(picture: U8, other: U8) -> float:
     return cosine_similarity(one, two)
 
 
+@pytest.mark.slow
 def test_a_photo_gets_the_face_of_another_photo(
     photos: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -13,6 +13,7 @@ from guise.aam.model import Identity
 from guise.aam.one_photo import person_in_photo
 from guise.aam.solid_shape import SolidPrior
 from guise.app.enrolment.enrol import EnrolError
+from guise.app.enrolment.quality import weaknesses
 from guise.app.media.images import DeepImage, read_deep
 from guise.app.media.profiles import ProfileError, converted
 from guise.common.arrays import F64, U8
@@ -37,7 +38,8 @@ def person_of_photo(path: Path, like: Identity, *, name: str | None = None, say:
     rgb = srgb(read_deep(path))
     face = largest_face(rgb, path.name, say)
     person = person_in_photo(rgb, face, name or path.stem, like)
-    person.facts.update({"made_from": "one photo", "clips": [path.name]})
+    weak = weaknesses(face[None], person)
+    person.facts.update({"made_from": "one photo", "clips": [path.name], "weaknesses": weak})
     return person
 
 

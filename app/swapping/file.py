@@ -14,7 +14,7 @@ from guise.app.media.synthetic import synthetic_tags
 from guise.app.swapping.cover import CoverStyle
 from guise.app.swapping.donors import open_donor
 from guise.app.swapping.grade import TYPICAL_FACE, Grade, grade
-from guise.app.swapping.report import DEFAULTS, SwapReport, SwapSettings, Tally, say_consent
+from guise.app.swapping.report import DEFAULTS, SwapReport, SwapSettings, Tally, say_of_faces
 from guise.app.swapping.session import ALONE, SwapSession, follow_alone
 from guise.common.memory import one_heap
 from guise.common.threads import one_thread
@@ -45,9 +45,7 @@ def swap_file(
         For a user's mistake: MediaError, EnrolError, ReferenceMismatchError, RendererError.
     """
     one_heap()
-    for sentence in identity.facts.get("weaknesses", ()):
-        settings.say(f"{identity.name} could be enrolled from a better clip: {sentence}")
-    say_consent([identity], settings.say)
+    say_of_faces([identity], settings.say)
     with open_input(video, settings.hwaccel, settings.read) as media:
         tags = synthetic_tags(identity.facts.get("made_from"))
         with open_sink(output, media, settings.encode, force=settings.force, tags=tags) as sink:

@@ -82,10 +82,15 @@ class SwapSettings:
 DEFAULTS = SwapSettings()
 
 
-def say_consent(faces: Iterable[Identity], say: Say) -> None:
-    """Say of whom nothing but a photo lends a face."""
+def say_of_faces(faces: Iterable[Identity], say: Say) -> None:
+    """Say what weakens the faces that are shown, and of whom nothing but a photo lends one."""
     for face in faces:
-        if face.facts.get("made_from") == "one photo":
+        is_of_photo = face.facts.get("made_from") == "one photo"
+        for sentence in face.facts.get("weaknesses", ()):
+            say(
+                f"{face.name} could be enrolled from a better {'photo' if is_of_photo else 'clip'}: {sentence}"
+            )
+        if is_of_photo:
             say(f"{face.name} was enrolled from one photo: use it only with the person's consent")
 
 

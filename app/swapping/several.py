@@ -57,7 +57,7 @@ from guise.app.swapping.report import (
     SwapError,
     SwapSettings,
     Tally,
-    say_consent,
+    say_of_faces,
 )
 from guise.app.swapping.session import SwapSession
 from guise.common.arrays import U8
@@ -149,7 +149,7 @@ def swap_people(
         For a user's mistake.
     """
     faces = casting.opened()
-    say_consent(faces.values(), settings.say)
+    say_of_faces(faces.values(), settings.say)
     with contextlib.ExitStack() as stack:
         media = stack.enter_context(open_input(video))
         made_from = {str(face.facts["made_from"]) for face in faces.values() if "made_from" in face.facts}
