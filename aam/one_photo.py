@@ -44,6 +44,7 @@ MOVEMENT_NOISE = 3.8
 BENT_PICTURES = 31
 BENT_REACH_FACE_WIDTHS = 0.05
 OPTIONS = TrackerOptions()
+MAX_STILL_PIXELS, MIN_STILL_FACE_PIXELS = 1080, 320  # the longer side, unless the face is small
 
 
 def person_in_photo(rgb: U8, points: F64, name: str, like: Identity) -> Identity:
@@ -68,10 +69,20 @@ def person_in_photo(rgb: U8, points: F64, name: str, like: Identity) -> Identity
     appearance = AppearanceModel(reference, replace(components, mean=neutral), neutral, mask)
     appearance, detail = detailed(appearance, [seen])
     facts = {"frames": 1, "views": Views.of([shape]).as_facts(), KNOWN_REST: False}
-    made = completed(Identity(name, appearance, like.tracker, detail, RestFrame(rgb, shape), facts))
+    made = completed(Identity(name, appearance, like.tracker, detail, _still(rgb, shape), facts))
     seen_texture = made.appearance.neutral[SHAPE_ENTRIES:]
     np.maximum(seen_texture, 0, out=seen_texture)
     return made
+
+
+def _still(rgb: U8, shape: F64) -> RestFrame:
+    """The picture (h, w, 3) as a model keeps it, not larger than is ever shown."""
+    factor = max(MAX_STILL_PIXELS / max(rgb.shape[:2]), MIN_STILL_FACE_PIXELS / float(np.ptp(shape[:, 0])))
+    if factor >= 1:
+        return RestFrame(rgb, shape)
+    small = cv2.resize(rgb, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    scale = np.array(small.shape[1::-1]) / rgb.shape[1::-1]
+    return RestFrame(np.asarray(small, np.uint8), (shape + 0.5) * scale - 0.5)
 
 
 def at_rest(points: F64) -> F64:
