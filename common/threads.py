@@ -7,30 +7,34 @@ than it gains, many times over when the cores are busy (a matrix-vector product 
 
 from __future__ import annotations
 
-import contextlib
 import sys
-from collections.abc import Iterator
 from functools import cache
+from typing import Any
 
 import cv2
 from threadpoolctl import ThreadpoolController
 
 
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
+class one_thread:  # called as a function, as those of contextlib
     """Inside, OpenCV and the BLAS libraries of NumPy and, once imported, of `scipy.linalg` use one thread."""
-    in_opencv = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    blas = _blas("scipy.linalg._fblas" in sys.modules)
-    alone = max([library.get_num_threads() for library in blas.lib_controllers], default=1) == 1
-    try:
-        with contextlib.nullcontext() if alone else blas.limit(limits=1):
-            yield
-    finally:
-        cv2.setNumThreads(in_opencv)
+
+    def __enter__(self) -> None:
+        self._in_opencv = cv2.getNumThreads()
+        self._before: list[tuple[Any, int]] = []
+        cv2.setNumThreads(1)
+        for library in _blas("scipy.linalg._fblas" in sys.modules):
+            count = library.get_num_threads()
+            if count != 1:
+                self._before.append((library, count))
+                library.set_num_threads(1)
+
+    def __exit__(self, *error: object) -> None:
+        for library, count in self._before:
+            library.set_num_threads(count)
+        cv2.setNumThreads(self._in_opencv)
 
 
 @cache
-def _blas(scipy: bool) -> ThreadpoolController:
+def _blas(scipy: bool) -> list[Any]:
     """The libraries loaded so far, with SciPy's or without: looking for them takes 35 ms."""
-    return ThreadpoolController().select(user_api="blas")
+    return list(ThreadpoolController().select(user_api="blas").lib_controllers)

@@ -90,7 +90,8 @@ class Frame:
     @property
     def seconds(self) -> float:
         """The time at which the frame is shown."""
-        return float(self.pts * self.time_base)
+        numerator, denominator = self.time_base.as_integer_ratio()  # sooner than the product of fractions
+        return self.pts * numerator / denominator
 
     @property
     def video_frame(self) -> av.VideoFrame | None:

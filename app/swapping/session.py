@@ -146,7 +146,9 @@ class SwapSession(Closing, Generic[D]):
         row, now = self.swap(frame, who, fit), frame.seconds
         if self._style is None:
             return row
-        face = self._followed.setdefault(who, FollowedFace())
+        face = self._followed.get(who)
+        if face is None:
+            face = self._followed[who] = FollowedFace()
         if row.mesh is not None:
             face.see(now, FacePlace.of(row.mesh))
             return row

@@ -133,7 +133,7 @@ def preset(name: str, command: str) -> dict[str, Any]:
     from guise.api.vocabulary import RENAMED, speaking
     from guise.common.presets import preset as read
 
-    with speaking():
+    with speaking:
         found = read(name, command)
     words = {key: key.replace("-", "_") for key in found}
     return {RENAMED.get(word, word): found[key] for key, word in words.items()}

@@ -44,13 +44,17 @@ def is_picture(given: Any) -> TypeGuard[Picture]:
 
 def as_array(picture: Picture) -> U8:
     """A picture as RGB uint8 (h, w, 3); one of PIL as it is shown.  GuiseError for anything else."""
-    if not isinstance(picture, np.ndarray) and hasattr(picture, "getexif"):
-        from PIL import ImageOps
+    if isinstance(picture, np.ndarray):
+        if picture.dtype == np.uint8 and picture.ndim == 3 and picture.shape[2] == 3:
+            return picture
+        raise GuiseError(
+            f"a frame must be an RGB array (h, w, 3) of uint8, got {picture.shape} {picture.dtype}"
+        )
+    if not hasattr(picture, "getexif"):
+        raise GuiseError(f"a frame must be an RGB array (h, w, 3) of uint8, got {type(picture).__name__}")
+    from PIL import ImageOps
 
-        return np.asarray(ImageOps.exif_transpose(picture).convert("RGB"), np.uint8)
-    if not (isinstance(picture, np.ndarray) and _is_rgb(picture) and picture.ndim == 3):
-        raise GuiseError(f"a frame must be an RGB array (h, w, 3) of uint8, got {_described(picture)}")
-    return picture
+    return np.asarray(ImageOps.exif_transpose(picture).convert("RGB"), np.uint8)
 
 
 @contextlib.contextmanager
@@ -98,11 +102,3 @@ def as_names(faces: dict[str, Person]) -> Iterator[dict[str, str]]:
             if isinstance(face, Identity):
                 face.save(Path(names[who]))
         yield names
-
-
-def _is_rgb(picture: Any) -> bool:
-    return picture.dtype == np.uint8 and picture.ndim in (3, 4) and picture.shape[-1] == 3
-
-
-def _described(picture: Any) -> str:
-    return f"{picture.shape} {picture.dtype}" if isinstance(picture, np.ndarray) else type(picture).__name__

@@ -62,7 +62,7 @@ class VideoLandmarks(Closing, Iterator[FrameFaces]):
         return self
 
     def __next__(self) -> FrameFaces:
-        with speaking():
+        with speaking:
             return next(self._frames)
 
     def close(self) -> None:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar, Unpack, overload
 
 from guise.aam.landmarks import open_landmarker
 from guise.aam.model import Identity
 from guise.api.options import AnyPath, DrawOptions, PuppetOptions, SwapFileOptions, encoding, taken
 from guise.api.pictures import Person, as_array, identity_of, path_of
-from guise.api.vocabulary import call, watch_of
+from guise.api.vocabulary import call, speaking, watch_of
+from guise.app.media import Frame
+from guise.app.swapping.session import ALONE, SwapSession
 from guise.common.arrays import U8
 from guise.common.closing import Closing
 from guise.common.errors import GuiseError
@@ -26,8 +30,9 @@ if TYPE_CHECKING:
     from guise.app.enrolment.landmark_source import LandmarkSource
     from guise.app.photos.swap import SwappedPhoto
     from guise.app.swapping.report import SeveralReport, SwapReport, SwapSettings
-    from guise.app.swapping.session import SwapSession
 
+P = ParamSpec("P")
+R = TypeVar("R")
 MICROSECOND = Fraction(1, 1_000_000)
 
 
@@ -35,7 +40,7 @@ class Swapper(Closing):
     """Puts one person's face on another's head, frame by frame, in the order of time.
 
     A frame goes in and a new one comes out; the array that was given is never changed.  It may be called from any
-    thread: calls are done one after the other, in a thread of its own.  Close it, or use `with`.
+    thread: calls are done one after the other.  Close it, or use `with`.
 
     Parameters
     ----------
@@ -73,56 +78,70 @@ class Swapper(Closing):
         shown = identity_of(identity)
         person, self._fps = _source(source, shown), _positive("fps", fps)
         look = _settings(drawing, unsure=unsure).drawn_look()
-        self._thread: ThreadPoolExecutor | None = ThreadPoolExecutor(1, "guise-swapper")
+        self._lock, self._closed = threading.Lock(), False
+        # An OpenGL context belongs to one thread.
+        has_context = look.renderer != "cpu"
+        self._thread = ThreadPoolExecutor(1, "guise-swapper") if has_context else None
         self._is_person = RecognisedPerson(person)
-        self._frames, self._seconds = 0, 0.0
+        self._frames, self._seconds, self._next = 0, -math.inf, 0.0
         self.outcome: Literal["swapped", "held", "covered", "lost"] = "lost"
         try:
-            self._session = self._thread.submit(_open_session, person, shown, look, unsure).result()
+            self._session = self._done(_open_session, person, shown, look, unsure)
+            self._engine = self._session.engine(ALONE)
         except BaseException:
-            self._thread.shutdown()
+            self._closed = True
+            if self._thread is not None:
+                self._thread.shutdown()
             raise
 
-    @call
     def __call__(self, frame: Picture, seconds: float | None = None) -> U8:
         """The frame with the other face, as a new array (h, w, 3) RGB uint8.
 
         frame : such an array, or a `PIL.Image`.   seconds : its time, later than that of the frame before.
         """
+        with speaking, self._lock:
+            if self._closed:
+                raise GuiseError("this Swapper is closed: make another one")
+            if self._thread is None:
+                return self._swap(as_array(frame), seconds)
+            return self._thread.submit(self._swap, as_array(frame), seconds).result()
+
+    def _done(self, do: Callable[P, R], *given: P.args, **options: P.kwargs) -> R:
+        """What a function gives, in the thread of the context if there is one."""
         if self._thread is None:
-            raise GuiseError("this Swapper is closed: make another one")
-        return self._thread.submit(self._swap, as_array(frame), seconds).result()
+            return do(*given, **options)
+        return self._thread.submit(do, *given, **options).result()
 
     def _swap(self, rgb: U8, seconds: float | None) -> U8:
-        from guise.app.media import Frame
-        from guise.app.swapping.session import ALONE
-
-        now = self._seconds + bool(self._frames) / self._fps if seconds is None else seconds
-        if self._frames and now <= self._seconds:
+        now = self._next if seconds is None else seconds
+        if now <= self._seconds:
             raise GuiseError(
                 f"seconds must be later than that of the frame before, {self._seconds:g}, got {now:g}"
             )
-        picture = Frame.from_rgb(rgb, round(now / MICROSECOND), MICROSECOND, self._frames)
+        picture = Frame.from_rgb(rgb, round(now * MICROSECOND.denominator), MICROSECOND, self._frames)
         with one_thread():
-            fit = self._is_person(picture, self._session.engine(ALONE).track(picture))
+            fit = self._is_person(picture, self._engine.track(picture))
             outcome = self._session.follow(picture, ALONE, fit).outcome
         assert outcome != "left"
         self.outcome, self._seconds, self._frames = outcome, now, self._frames + 1
+        self._next = now + 1 / self._fps
         return picture.rgb()
 
     def close(self) -> None:
         """Release the renderer; a closed swapper takes no more frames."""
-        if self._thread is not None:
-            self._thread.submit(self._session.close).result()
-            self._thread.shutdown()
-            self._thread = None
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            self._done(self._session.close)
+            if self._thread is not None:
+                self._thread.shutdown()
 
 
 def _open_session(person: Identity, shown: Identity, look: Look, unsure: str) -> SwapSession[Engine]:
     """The session with its engine, made in the thread that will use them."""
     from guise.app.drawing.donor import Donor
     from guise.app.drawing.engine import Engine
-    from guise.app.swapping.session import ALONE, SwapSession
 
     session = SwapSession(
         lambda _: Engine(person, Donor.of(shown), open_landmarker("builtin"), look),

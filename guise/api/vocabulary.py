@@ -8,9 +8,8 @@ name (`RENAMED` are those that Python has to call otherwise).
 
 from __future__ import annotations
 
-import contextlib
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache, wraps
 from importlib import import_module
 from inspect import Parameter, signature, unwrap
@@ -75,7 +74,7 @@ def call(function: Callable[P, R]) -> Callable[P, R]:
     def run(*given: P.args, **options: P.kwargs) -> R:
         for name in options.keys() - known:
             raise TypeError(f"{function.__name__}() got an unexpected keyword argument {name!r}")
-        with speaking():
+        with speaking:
             return function(*given, **_watched(options))
 
     return run
@@ -97,16 +96,22 @@ def parameters_of(function: Callable[..., Any]) -> dict[str, str]:
     return found
 
 
-@contextlib.contextmanager
-def speaking() -> Iterator[None]:
+class _Speaking:
     """Inside, errors speak Python, and a cancelled call raises `Cancelled`."""
-    try:
-        yield
-    except GuiseError as error:
-        error.args = (in_python(str(error)), *error.args[1:])
-        raise
-    except _Cancel:
-        raise Cancelled("the call was cancelled; nothing was written") from None
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if error is None:
+            return
+        if isinstance(error, GuiseError):
+            error.args = (in_python(str(error)), *error.args[1:])
+        elif isinstance(error, _Cancel):
+            raise Cancelled("the call was cancelled; nothing was written") from None
+
+
+speaking = _Speaking()
 
 
 def _watched(options: dict[str, Any]) -> dict[str, Any]:
