@@ -65,6 +65,7 @@ def test_an_option_that_a_call_does_not_know_is_refused() -> None:
     ("engine", "python"),
     [
         ("use --force to replace it, or -o x", "use overwrite=True to replace it, or output=... x"),
+        ("--cover fog: it must be one of solid and blur", 'cover="fog": it must be one of solid and blur'),
         ("choose --renderer cpu", 'choose renderer="cpu"'),
         ("--to 2 must be later than --from 3 (seconds).", "end=2 must be later than start=3 (seconds)."),
         ("continue with --resume; or not", "continue with resume=True; or not"),
