@@ -165,8 +165,11 @@ def _argument(found: re.Match[str]) -> str:
         return f"{name}={value}{rest}"
     if re.search(r"\bbool\b", kind):
         return f"{name}=True{rest}"
-    is_value = repr(word) in kind.replace('"', "'") or re.search(r"^[A-Z][A-Z0-9_:=.]*$|[\d./:]", word)
-    is_value = is_value or found.string[found.end() :].startswith(":")  # what is wrong with it follows
+    is_value = (
+        repr(word) in kind.replace('"', "'")
+        or re.search(r"^[A-Z][A-Z0-9_:=.]*$|[\d./:]", word) is not None
+        or found.string[found.end() :].startswith(":")  # and what is wrong with it
+    )
     return f"{name}={_value(word)}" if word and is_value else f"{name}=...{rest}"
 
 
