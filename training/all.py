@@ -28,6 +28,7 @@ REFINEMENT_BATCHES, REFINEMENT_RATE = 2200, 5e-4  # of 32
 HEAD_PEOPLE, FIRST_HEAD, PICTURES_PER_HEAD = 560, 30_000, 12
 HEAD_COURSES = (6500, 6e-4), (5000, 4e-4)  # batches of 32, rate
 AUDIT_PEOPLE, FIRST_AUDIT, PICTURES_PER_AUDIT, AUDIT_BATCHES = 150, 40_000, 12, 5000  # people of its own
+MISTAKEN, FACE_SHARDS, FACE_SECONDS = 8000, 60, 2400  # pictures, of each process, of training
 GROUPS = 60  # of people whose faces are swapped
 TURNING_PEOPLE = 600
 PLACEMENT_BATCHES = 4000
@@ -143,6 +144,22 @@ class Plan:
         yield Task("logit", [fit], told / "face.pt")
         finish = command("finish_face", run=told, alignment=alignment, **self._seen())
         yield Task("report", [finish], told / "face.md")
+        yield from self._face_head_training(told / "landmarks.onnx", self.work / "face head")
+
+    def _face_head_training(self, network: Path, output: Path) -> Iterator[Task]:
+        """What tells faces from other things, also behind patterns."""
+        mistaken, shards, held = (self.work / name for name in ("mistaken.npz", "shards", "held shards"))
+        find = command("mistaken", output=mistaken, pictures=self._sized(MISTAKEN), **self._seen())
+        yield Task("mistaken", [find], mistaken)
+        make = ("face_head", "make", *options(network=network, **self._seen()))
+        count = self._sized(FACE_SHARDS, 1)
+        seen = (*make, *options(output=shards, shards=count, mistaken=mistaken))
+        yield Task("shards", [(*seen, *options(seed=k)) for k in range(self.processes)], shards / "complete")
+        yield Task("held shards", [(*make, "--held-out", *options(output=held, shards=2))], held / "complete")
+        learn = options(
+            network=network, shards=shards, held_out=held, output=output, seconds=self._sized(FACE_SECONDS)
+        )
+        yield Task("face head", [("face_head", "train", *learn)], output / "landmarks.onnx")
 
     def _parsing_training(self) -> Iterator[Task]:
         """For everything first, then with the outlines of hands weighted and without points."""
@@ -269,7 +286,7 @@ class Plan:
         """Destination of each file that ships."""
         told, refined = self.work / "told", self.work / "refined"
         return {
-            told / "landmarks.onnx": DATA / "landmarks.onnx",
+            self.work / "face head" / "landmarks.onnx": DATA / "landmarks.onnx",
             told / "landmarks.json": DATA / "landmarks.json",
             told / "face.md": DATA / "landmarks.md",
             refined / "face.onnx": DATA / "face.onnx",

@@ -35,7 +35,7 @@ def load_shipped(net: LandmarkNet, path: Path, crops: U8) -> None:
     modules = dict(net.named_modules())
     filled = []
     for node in graph.node:
-        if node.op_type == "Conv":
+        if node.op_type == "Conv" and not node.name.startswith("face/"):  # which `face_head.py` has added
             weight, bias = (torch.from_numpy(values[name].copy()) for name in node.input[1:3])
             filled.append(_fill(modules, module_name(node.name), weight, bias))
     _unfold(net, torch.from_numpy(crops), [module for module in filled if module is not None])

@@ -233,6 +233,9 @@ points of a face with a standard deviation for each, and whether there is a face
   corpus (Cooke et al. 2006), labelled with MediaPipe's points, both kinds of labels brought to one definition
   (`training/definitions.py`). The annotated stills that the benchmarks measure on were not trained on.
 - Training: {done:,} batches of {batch} augmented crops, seed {seed}, {start}.
+- What tells faces from other things is a head of its own on the trunk's features (`training/face_head.py`): trained on
+  faces behind what `training/patterns.py` draws, beyond the picture's sides, small, filled, blurred and as negatives,
+  and on what the detector mistakes for faces (`training/mistaken.py`). It changes no point.
 - Meant for faces from about 24 pixels up, turned by up to 75 degrees and rolled by up to 60 in the crop.
 - Not meant for recognising people or their emotions; it does neither.
 

@@ -35,7 +35,7 @@ class BackgroundLimits:
     min_face_pixels: int = 12  # in the downscaled frame, a twentieth of its height
     min_score: float = 0.35  # of a box that is covered if it also looks like a face
     min_certain_score: float = 0.75  # of a box that is covered in any case
-    min_likeness: float = -1.5  # see `BuiltinLandmarker.likeness`; fingertips and folds of cloth have less
+    min_likeness: float = 3.0  # see `BuiltinLandmarker.likeness`; fingertips, folds and hair have less
     min_landmark_score: float = 0.5  # of a box in which landmarks are sought
     turned_interval_frames: int = (
         3  # from one search at another roll to the next, beside a certain upright face
