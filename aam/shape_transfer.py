@@ -76,7 +76,7 @@ class ShapeTransfer:
     source, target : SolidFit of the two faces at rest.
     reference : ReferenceFrame.
     outline : share in [0, 1] by which the jaw line has the target's form instead of the head's.
-    apart : share by which the two faces differ more at rest than they do, but for how far eyes and lips are open.
+    apart : share by which the two faces differ more at rest than they do, but for the forms of brows, eyes and mouth.
     learned : whether the features' places are corrected by what was learned from rendered swaps.
 
     Attributes
@@ -195,13 +195,11 @@ def laid_over(face: F64, other: F64) -> F64:
 
 
 def _farther(face: F64, other: F64, share: float) -> F64:
-    """A solid face (81, 3), by a share farther from another (81, 3); its eyes, brows and lips' gap stay as they are."""
+    """A solid face (81, 3), by a share farther from another (81, 3); eyes, brows and mouth move as wholes."""
     moves = share * (face - other)
-    for part in (RIGHT_BROW, LEFT_BROW, RIGHT_EYE, LEFT_EYE):
+    for part in (RIGHT_BROW, LEFT_BROW, RIGHT_EYE, LEFT_EYE, LIPS):
         moves[part] = moves[part].mean(0)
-    made = face + moves
-    _open(made, UPPER_INNER_LIP, LOWER_INNER_LIP, face[LOWER_INNER_LIP] - face[UPPER_INNER_LIP])
-    return np.asarray(made)
+    return np.asarray(face + moves)
 
 
 def jaw_moves(jaw: F64, other: F64, share: float) -> F64:

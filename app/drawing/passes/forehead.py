@@ -61,12 +61,14 @@ class Forehead:
     softened : (h, w) share in [0, 1] by which it is softened there: what is mirrored must not be seen twice.
     sigma : pixels, of that.
     added : (h, w) share in [0, 1] by which a pixel is drawn beyond the face's own hairline.
+    drawn : (h, w, 2) where each pixel is drawn, so that what is read there is not stretched.
     """
 
     places: F32
     softened: F32
     sigma: float
     added: F32
+    drawn: F32
 
     @classmethod
     def of(cls, reference: ReferenceFrame, face_widths: float) -> Forehead:
@@ -90,6 +92,8 @@ class Forehead:
         inwards = along * (1 - LIMITS.inwards * added * beyond)
         source = centre + _mirrored(reference, centre, inwards, away - own)
         read[reference.pixels] = np.where(share[:, None] > 0, source, places)
+        drawn = np.dstack([x, y])
+        drawn[reference.mask] += stretch
         over = away - _at_outline(reference.points, centre, along)
         drawn_over = added * np.clip(over / rim + added - 0.5, 0, 1)
         softened, drawn_over = (
@@ -97,7 +101,7 @@ class Forehead:
         )
         return cls(
             read.reshape(height, width, 2).astype(np.float32), softened, LIMITS.softening * reference.resolution,
-            drawn_over,
+            drawn_over, drawn.astype(np.float32),
         )  # fmt: skip
 
     def continued(self, picture: U8) -> U8:
@@ -125,7 +129,10 @@ class Hairline:
 
     def __init__(self, reference: ReferenceFrame, texture: F32, forehead: float) -> None:
         self.forehead = Forehead.of(reference, forehead)
-        self._grain = self.forehead.softened * skin_grain(texture, reference)
+        grain = cv2.remap(  # type: ignore[call-overload]
+            skin_grain(texture, reference), self.forehead.drawn, None, cv2.INTER_CUBIC, None, cv2.BORDER_WRAP
+        )
+        self._grain = self.forehead.softened * grain
 
     def draw(self, face: FaceInFrame, memory: Memory) -> None:
         """Continue the picture's forehead, with the grain of its cheeks."""
