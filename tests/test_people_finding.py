@@ -76,7 +76,7 @@ def test_a_cut_parts_two_people(cut: Path) -> None:
 def test_a_clip_cut_from_two_people_is_told_and_one_is_learned(cut: Path) -> None:
     said: list[str] = []
     made = enrol([cut], LandmarkSource(), name="one", options=SMALL, say=said.append)
-    assert "cut.mp4 shows 2 people: 1 in 40 frames, 2 in 32 frames; 1 is learned" in said[0]
+    assert "cut.mp4 shows 2 people: 1 in 40 frames, 2 in 32 frames; enrolling 1" in said[0]
     assert made.facts["frames"] <= 40
     with pytest.raises(EnrolError, match=r"there is no person 3 in .*: choose from 1, 2"):
         enrol([cut], LandmarkSource(), name="nobody", person=3, options=SMALL)

@@ -58,7 +58,7 @@ def open_landmarker(spec: str | None) -> Landmarker:
     Traceback (most recent call last):
     guise.aam.landmarks.face.LandmarkError: landmarker must be one of builtin[@DETECTOR], ...
     """
-    spec = spec or "builtin"
+    spec = "builtin" if spec is None else spec
     own, _, detector_spec = spec.partition("@") if "@" not in spec else _split_detector(spec)
     name, _, argument = own.partition(":")
     if own.endswith(".toml") and name not in _LANDMARKERS:

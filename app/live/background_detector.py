@@ -180,13 +180,13 @@ def _cells(picture: U8) -> F32:
 
 
 def _without_hair(found: RolledBoxes) -> RolledBoxes:
-    """The boxes but those that are likely no face and lie, rolled, on the head of an upright one that is certain."""
+    """The boxes but those that are no certain face and lie, rolled, on the head of an upright one that is."""
     sure = found.boxes[(found.scores >= LIMITS.min_certain_score) & (found.turns == 0)]
     heads = np.array([region(box) for box in sure]).reshape(-1, 4)
     centres = (found.boxes[:, :2] + found.boxes[:, 2:]) / 2
     within = (centres[:, None] > heads[:, :2]) & (centres[:, None] < heads[:, 2:])
     on_head = np.any(np.all(within, axis=2), axis=1)
-    return found[~(on_head & (found.turns != 0) & (found.scores < LIMITS.min_landmark_score))]
+    return found[~(on_head & (found.turns != 0) & (found.scores < LIMITS.min_certain_score))]
 
 
 def _apart(found: RolledBoxes, cells: F32) -> Bool | None:

@@ -49,6 +49,7 @@ class AuditLimits:
     min_unchanged_correlation: float = 0.95  # of two patches, from which they show the same
     max_same_spread: float = 0.1  # of a patch's pixels, by which the same pixel may differ,
     max_same_grey_levels: float = 2.0  # or this
+    light_pixels: float = 3.0  # standard deviation of a patch's light
     max_unchanged_swapped: float = 0.6  # share of a patch; a hand in front of a swapped face is kept
     max_unchanged_covered: float = 0.4
     min_shown: int = 128  # of 255, of a pixel of a swapped face, from which it isn't an object's in front
@@ -358,8 +359,14 @@ def _is_unchanged(one: U8 | None, other: U8 | None, most: float, where: Bool | N
     same = np.abs(after - before) <= max(LIMITS.max_same_grey_levels, LIMITS.max_same_spread * spread)
     if float(same.mean()) > most:
         return True
-    a, b = before - before.mean(), after - after.mean()
+    a, b = (_features(patch)[where] for patch in (one, other))
     return bool((a * b).sum() >= LIMITS.min_unchanged_correlation * np.sqrt((a**2).sum() * (b**2).sum()) + 1)
+
+
+def _features(patch: U8) -> F64:
+    """A patch without the light on it, which a swap keeps: what is left tells whose face it is."""
+    grey = patch.astype(np.float64)
+    return np.asarray(grey - cv2.GaussianBlur(grey, (0, 0), LIMITS.light_pixels), np.float64)
 
 
 def _sampled(frames: tuple[int, int], entries: dict[int, list[FaceTreatment]], rate: float) -> set[int]:
