@@ -15,11 +15,13 @@ from guise.api.vocabulary import call, watch_of
 from guise.common.errors import GuiseError
 
 if TYPE_CHECKING:
+    from guise.aam.training import TrainingOptions
     from guise.api.pictures import Picture
     from guise.app.enrolment.landmark_source import LandmarkSource
     from guise.app.people.found import VideoPeople
     from guise.app.people.info import ModelInfo
     from guise.app.people.kept import KeptPerson
+    from guise.common.progress import Progress, Say
 
 
 class EnrollOptions(TrainOptions, WatchOptions, total=False):
@@ -64,8 +66,8 @@ def enroll(
     GuiseError
         When a clip cannot be read or shows no face that could be learned.
     """
-    from guise.app.enrolment.options import TrainingChoices
     from guise.app.people.kept import place_for
+    from guise.app.photos.enrol_photos import are_photos
     from guise.common.files import require_free
 
     left: dict[str, Any] = {**options}
@@ -79,24 +81,15 @@ def enroll(
         require_free(Path(output), force=overwrite)
     with as_files(several) as files:
         source = _source(paths(landmarks), landmarker, refine, len(files))
-        training = TrainingChoices(**left).training()
-        if rest is not None:
-            from guise.app.enrolment.rest import frame_at
-
-            training = replace(training, rest_frame=frame_at(files[0], rest).index)
+        training = _training(left, files[0], rest)
         called = name or files[0].stem
         place = place_for(called) if keep else None
-        from guise.app.photos.enrol_photos import are_photos, enrol_photos
-
         if are_photos(files):
             if paths(landmarks) or landmarker or person or refine is not None:
                 raise GuiseError(
                     "photos are enrolled by the built-in landmarker: leave landmarks, landmarker, person and refine out"
                 )
-            with tempfile.TemporaryDirectory(prefix="guise-") as folder:
-                made = Path(folder, "photo.guise")
-                enrol_photos(files, made, name=called, options=training, progress=progress, say=say)
-                found = Identity.load(made)
+            found = _in_photos(files, called, training, progress, say)
         else:
             from guise.app.enrolment.enrol import enrol
 
@@ -106,6 +99,26 @@ def enroll(
     for path in filter(None, (path_of(output), place)):
         found.save(path)
     return found
+
+
+def _training(options: dict[str, Any], clip: Path, rest: float | None) -> TrainingOptions:
+    """How the model is made.   rest : seconds into the clip at which the face is at rest, if that is known."""
+    from guise.app.enrolment.options import TrainingChoices
+    from guise.app.enrolment.rest import frame_at
+
+    training = TrainingChoices(**options).training()
+    return training if rest is None else replace(training, rest_frame=frame_at(clip, rest).index)
+
+
+def _in_photos(
+    files: Sequence[Path], name: str, options: TrainingOptions, progress: Progress, say: Say
+) -> Identity:
+    from guise.app.photos.enrol_photos import enrol_photos
+
+    with tempfile.TemporaryDirectory(prefix="guise-") as folder:
+        made = Path(folder, "photo.guise")
+        enrol_photos(files, made, name=name, options=options, progress=progress, say=say)
+        return Identity.load(made)
 
 
 def _source(files: list[Path], landmarker: str | None, refine: bool | None, clips: int) -> LandmarkSource:
