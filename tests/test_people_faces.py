@@ -183,6 +183,40 @@ def test_a_face_that_is_surely_followed_is_nobody_else_upside_down() -> None:
     assert set(tracker.faces().tracklet.tolist()) == {0}
 
 
+@pytest.mark.parametrize(
+    ("box", "likeness", "kept"),
+    [
+        ((44, 76, 54, 86), 2.5, 0),
+        ((44, 76, 54, 86), 8.5, 1),
+        ((44, 76, 62, 94), 2.5, 1),
+        ((84, 76, 94, 86), 2.5, 1),
+        ((44, 2, 54, 12), 2.5, 1),
+    ],
+)
+def test_what_is_too_small_for_a_face_on_a_body_needs_more_than_skin(
+    box: tuple[int, ...], likeness: float, kept: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A tie with rings was covered for seconds; above a head, beside a body, or larger, it may be somebody."""
+    monkeypatch.setattr(FaceShares, "has_face", lambda *_: True)
+
+    class OnePerson(_Same):
+        def look_in_box(self, rgb: np.ndarray, box: np.ndarray, turn: float) -> tuple[object, float]:
+            return (_face(box), 9.0) if box[2] - box[0] > 30 else (None, likeness)
+
+        def refine(self, rgb: np.ndarray, previous: object) -> object:
+            return _face(np.array([30, 20, 70, 60]))
+
+    tracker = SegmentTracker(OnePerson())  # type: ignore[arg-type]
+    for index in range(6):
+        boxes = np.array([[30, 20, 70, 60], box], np.float32)[: 1 + (index == 3)]
+        found = RolledBoxes(
+            boxes, np.array([0.9, 0.5], np.float32)[: len(boxes)], np.zeros(len(boxes), np.float32)
+        )
+        rgb = np.full((100, 100, 3), 10 * index, np.uint8)
+        tracker.update(DetectedFrame(index, rgb, found, np.zeros((18, 32), np.uint8)))
+    assert len(tracker.faces().bystander_frame) == kept
+
+
 class _Unsure:
     """A landmarker that finds no points."""
 

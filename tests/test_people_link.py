@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from guise.app.people.faces import CutDetector, SegmentFaces, is_cut
+from guise.app.people.cuts import CutDetector, is_cut
+from guise.app.people.faces import SegmentFaces
 from guise.app.people.link import link
 
 RNG = np.random.default_rng(0)

@@ -32,6 +32,7 @@ from guise.aam.landmarks.schemes import COUNT
 from guise.aam.landmarks.sides import detect_at_sides
 from guise.aam.landmarks.tracking import MultiFaceTracker, TrackingLimits
 from guise.app.media import Frame
+from guise.app.people.cuts import SMALL_SIZE, CutDetector
 from guise.app.people.looks import Looks
 from guise.common.arrays import F32, I32, U8
 
@@ -73,15 +74,11 @@ class CandidateLimits:
     ear_reach_face_sizes: float = 0.2  # beside a face, where something small of a lower score than
     ear_score: float = 0.5  # this is its ear
     ear_face_sizes: float = 0.5  # and smaller than this
+    worn_face_sizes: float = 0.4  # smaller than this, what lies on the body below an upright face
+    body_face_sizes: tuple[float, float] = (0.6, 2.5)  # (half its width and how far below the face's middle)
     upright_radians: float = np.pi / 4
     wrong_roll_radians: float = 1.0  # from which a box on a tracked head is no face, unless it is certain and
     sure_confidence: float = 0.9  # what is tracked there is not
-    cut_correlation: float = 0.6  # of small pictures, below which a new shot begins
-    cut_grey_levels: float = 8.0  # of mean change, from which it can
-    sudden_correlation: float = 0.9  # the same where the picture changes
-    sudden_grey_levels: float = 4.0  # so much
-    sudden_ratio: float = 8.0  # and so many times as much as in any
-    sudden_frames: int = 5  # of the frames before
 
 
 LIMITS = CandidateLimits()
@@ -97,7 +94,6 @@ TRACKING = TrackingLimits(
 LOOKBACK_BYTES = 64 << 20  # of frames that are kept for tracking backward
 DETECTOR_THREADS = 2
 DETECTED_AHEAD = 6  # frames, two of which take much longer than the others
-SMALL_SIZE = (32, 18)  # pixels, width and height of the small picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,45 +209,6 @@ def _glimpsed(glancer: Glancer, rgb: U8, index: int, found: RolledBoxes) -> Roll
     return RolledBoxes.none() if rest else glancer.faces(rgb, number)
 
 
-def is_cut(before: U8, after: U8) -> bool:
-    """Whether a new shot begins between two small pictures: their correlation is low and the change large."""
-    change = float(np.abs(before.astype(np.float64) - after).mean())
-    return change >= LIMITS.cut_grey_levels and _correlation(before, after) < LIMITS.cut_correlation
-
-
-def _correlation(before: U8, after: U8) -> float:
-    """Of two pictures; 0 where one of them is plain."""
-    a, b = (picture.astype(np.float64).ravel() - picture.mean() for picture in (before, after))
-    size = float(np.sqrt((a @ a) * (b @ b)))
-    return float(a @ b) / size if size > 1e-9 else 0.0
-
-
-class CutDetector:
-    """Tells with which of a video's frames new shots begin.
-
-    Between two people in one place, or before one background, little of the picture changes; but it does at once, while
-    what moves has changed the frames before as well.
-    """
-
-    def __init__(self) -> None:
-        self._before: U8 | None = None
-        self._changes: deque[float] = deque(maxlen=LIMITS.sudden_frames)
-
-    def update(self, small: U8) -> bool:
-        """Whether a new shot begins with the next frame, made small."""
-        before, self._before = self._before, small
-        if before is None:
-            return False
-        change = float(np.abs(small.astype(np.float64) - before).mean())
-        known = len(self._changes) == LIMITS.sudden_frames
-        sudden = known and change >= max(LIMITS.sudden_grey_levels, LIMITS.sudden_ratio * max(self._changes))
-        cut = is_cut(before, small) or (sudden and _correlation(before, small) < LIMITS.sudden_correlation)
-        self._changes.append(change)
-        if cut:
-            self._changes.clear()
-        return cut
-
-
 class SegmentTracker:
     """Tracks all faces of a segment; `update` with each frame in order, then `faces`."""
 
@@ -352,12 +309,14 @@ class SegmentTracker:
             self._small_until = frame.index + LIMITS.searched_small_frames
 
     def _judged(self, rgb: U8, one: Candidate) -> Candidate:
-        """A candidate without points, with whether anything else speaks for it."""
+        """A candidate without points, with whether anything else speaks for it; skin does not on a body."""
         if one.score >= LIMITS.certain_score:
             return one
         face, likeness = self._looks.look_in_box(rgb, one.box, one.turn)
         is_likely = face is not None or likeness >= LIMITS.sure_likeness
-        return replace(one, unlikely=not (is_likely or self._looks.has_skin(rgb, one.box, one.turn)))
+        if not is_likely and not any(_is_worn(one.box, face) for face in self._tracker.faces):
+            is_likely = self._looks.has_skin(rgb, one.box, one.turn)
+        return replace(one, unlikely=not is_likely)
 
     def _at_sides(self, frame: DetectedFrame) -> Iterator[Candidate]:
         for box, score in zip(frame.at_sides.boxes, frame.at_sides.scores, strict=True):
@@ -447,6 +406,17 @@ def _is_ear(box: F32, face: F32) -> bool:
     margin = LIMITS.ear_reach_face_sizes * size
     reach = np.concatenate([face[:2] - margin, face[2:] + margin])
     return _holds_centre(reach, box) and bool(((box[2:] - box[:2]) < LIMITS.ear_face_sizes * size).all())
+
+
+def _is_worn(box: F32, face: Face) -> bool:
+    """Whether a box lies on the body below an upright face, too small for a face before it: ties and badges."""
+    size, away = face.box[2:] - face.box[:2], (box[:2] + box[2:] - face.box[:2] - face.box[2:]) / 2
+    half, below = LIMITS.body_face_sizes * size
+    is_below = abs(away[0]) < half and size[1] / 2 < away[1] < below
+    if not is_below or ((box[2:] - box[:2]) >= LIMITS.worn_face_sizes * size).any():
+        return False
+    is_upright = np.isfinite(face.points).all() and abs(turn_of(face.points)) < LIMITS.upright_radians
+    return bool(is_upright and face.confidence >= LIMITS.sure_confidence)
 
 
 def _is_at_wrong_roll(box: F32, turn: float, face: Face) -> bool:

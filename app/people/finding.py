@@ -32,7 +32,8 @@ from guise.aam.recognition import (
 from guise.aam.reference import ReferenceFrame
 from guise.app.media import Frame, MediaInput
 from guise.app.media.pictures import labelled, sheet
-from guise.app.people.faces import SMALL_SIZE, CutDetector, SegmentFaces, SegmentTracker, detect_boxes
+from guise.app.people.cuts import SMALL_SIZE, CutDetector
+from guise.app.people.faces import SegmentFaces, SegmentTracker, detect_boxes
 from guise.app.people.found import (
     THUMBNAIL_PIXELS,
     UnknownFaces,

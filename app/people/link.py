@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guise.app.people.faces import SegmentFaces, is_cut
+from guise.app.people.cuts import is_cut
+from guise.app.people.faces import SegmentFaces
 from guise.common.arrays import F32
 
 

@@ -20,7 +20,7 @@ from guise.aam.landmarks import Face, iou
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.app.deidentify.stages.case import Case
 from guise.app.media import Frame
-from guise.app.people.faces import SMALL_SIZE
+from guise.app.people.cuts import SMALL_SIZE
 from guise.app.people.looks import small_picture
 from guise.app.people.skin import FaceShares
 from guise.common.arrays import F32, I32, U8
