@@ -48,6 +48,8 @@ def film_studio(folder: Path, model: Path, camera: Path, fps: float) -> list[Pic
         _browser(_camera_file(camera, folder / "camera.mjpeg")) as page,
     ):
         page.goto(address)
+        page.get_by_role("button", name="I agree").click()
+        page.locator("a.choice").first.wait_for()
         page.goto(urljoin(address, "/live"))
         return film_live(page, fps)
 

@@ -29,6 +29,7 @@ import av
 import pytest
 from made_up import SAMPLES
 
+from guise.app.studio.consent import AGREED
 from guise.app.studio.store import Store
 
 SCREEN = os.environ.get("GUISE_TEST_SCREEN", "")
@@ -85,9 +86,11 @@ class StudioServer:
 
 @contextmanager
 def studio(
-    folder: Path, *, limit: int = LIMIT, program: tuple[str, ...] = ("-m", "guise")
+    folder: Path, *, limit: int = LIMIT, program: tuple[str, ...] = ("-m", "guise"), agreed: bool = True
 ) -> Iterator[StudioServer]:
-    """A studio on a free port."""
+    """A studio on a free port.   agreed : whether the user has agreed before."""
+    with store_in(folder) as store:
+        store.remember(AGREED, agreed)
     command = [sys.executable, *program, "studio", "--folder", str(folder), "--port", "0", "--no-open"]
     environment = os.environ | {
         "OPENBLAS_NUM_THREADS": "1",

@@ -353,14 +353,27 @@ def test_a_wish_for_what_is_not_there_is_answered_by_a_page_of_status_404(
     page.complaints.clear()  # the browser calls it an error
 
 
-def test_the_first_visit_asks_for_consent_and_offers_three_ways(browser: Any, tmp_path: Path) -> None:
-    with studio(tmp_path / "new") as server, visit(browser, server, "/") as visitor:
-        visitor.get_by_role("button", name="I agree").click()
+def test_every_page_asks_for_consent_before_anything_is_made(browser: Any, tmp_path: Path) -> None:
+    with studio(tmp_path / "new", agreed=False) as server, visit(browser, server, "/swap") as visitor:
+        agree = visitor.get_by_role("button", name="I agree")
+        for path in (
+            "/live",
+            "/people",
+            "/landmarks",
+            "/deidentify",
+            "/analogy",
+            "/swap/nothing",
+            "/",
+            "/swap",
+        ):
+            visitor.goto(server.url(path))
+            agree.wait_for()
+            assert visitor.locator("input, [data-drop]").count() == 0
+        agree.click()
+        visitor.locator("[data-drop]").first.wait_for()  # the page that was asked for
+        visitor.goto(server.url("/"))
         for name in ("Live", "Swap a video", "De-identify"):
             visitor.locator("main").get_by_role("link", name=name).wait_for()
-        visitor.reload()
-        visitor.locator("main").get_by_role("link", name="Swap a video").click()
-        visitor.wait_for_url("**/swap")
         assert visitor.evaluate("fetch('/favicon.ico').then((r) => r.headers.get('content-type'))") == (
             "image/svg+xml"
         )

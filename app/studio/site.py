@@ -17,6 +17,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
 from guise.app.people import kept
+from guise.app.studio.consent import AGREED, ask
 from guise.app.studio.jobs import JobQueue
 from guise.app.studio.progress_row import ProgressRow
 from guise.app.studio.store import FOLDERS, JobRow, MissingError, Store, StudioError, preview_of
@@ -104,12 +105,19 @@ def page(
     """Register a page; `build` fills it and gets the parameters of the path ("/landmarks/{clip}") by name.
 
     reconnect_seconds : for which a visitor's page is kept without a connection; default: the server's.
-    A MissingError makes it a page of status 404.
+    A MissingError makes it a page of status 404.  Until the user has agreed, it asks for consent instead.
     """
+
+    def agree() -> None:
+        studio.store.remember(AGREED, True)
+        ui.navigate.reload()
 
     async def shown(request: Request) -> Response | None:
         ui.on_exception(show_error)
         with _layout(studio, title, path):
+            if not studio.store.setting(AGREED):
+                ask(agree)
+                return None
             try:
                 done = build(**request.path_params)
                 if done is not None:
@@ -158,7 +166,7 @@ def choice_row(label: str, options: Mapping[Any, str], value: Any) -> ui.toggle:
 
 def advanced() -> ui.expansion:
     """Choices that few people need, folded away; filled by `with`."""
-    return ui.expansion("Advanced", icon="tune").classes("w-full")
+    return ui.expansion("Options and presets", icon="tune").classes("w-full")
 
 
 def empty_state(icon: str, headline: str, words: str) -> ui.element:

@@ -119,6 +119,8 @@ def measure(options: argparse.Namespace) -> Report:
         browser(film(Path(name) / "camera.y4m")) as page,
     ):
         page.goto(address)
+        page.get_by_role("button", name="I agree").click()
+        page.locator("a.choice").first.wait_for()
         begun = time.monotonic()
         page.goto(urljoin(address, "/live"))
         loaded = time.monotonic() - begun
