@@ -24,7 +24,8 @@ from guise.app.studio.landmark_strip import ClipFrames, LandmarkStrip, state_of
 from guise.app.studio.landmark_view import SCREEN, FrameView, name_of
 from guise.app.studio.people import retrain
 from guise.app.studio.pictures import data_url
-from guise.app.studio.site import Studio, sentence, show_job
+from guise.app.studio.progress_row import ProgressRow
+from guise.app.studio.site import JOB_POLL_SECONDS, Studio, sentence, show_job
 from guise.app.studio.store import JobRow, Person
 from guise.common.arrays import F32, F64, Bool
 
@@ -155,12 +156,9 @@ class LandmarkEditor:
             )
         hint = "Apply this frame's correction to the following ones, up to a corrected one or until the face is lost"
         self._forward = _tool("east", "Carry forward", hint, self.propagate)
-        with ui.row().classes("w-full no-wrap items-center") as self._progress:
-            ui.linear_progress(show_value=False).props('aria-label="Progress" rounded').bind_value_from(
-                self, "share"
-            )
-            _icon("close", "Stop", self._stop.set)
-        self._progress.visible = False
+        self._progress = ProgressRow(self._stop.set, "Stop")
+        self._timer = ui.timer(JOB_POLL_SECONDS, self._show_progress, active=False)
+        self._carrying(False)
         with ui.row().classes("gap-1"):
             self._save = ui.button("Save", icon="save", on_click=self.save)
             self._retrain = ui.button("Save and retrain", icon="school", on_click=self.retrain)
@@ -261,11 +259,12 @@ class LandmarkEditor:
                 "there is no frame to carry forward to: the next one is corrected, or this is the last"
             )
         self._stop.clear()
-        self.share, self._progress.visible, self._forward.enabled = 0.0, True, False
+        self.share = 0.0
+        self._carrying(True)
         try:
             found = await asyncio.to_thread(self._propagated, row, until)
         finally:
-            self._progress.visible, self._forward.enabled = False, True
+            self._carrying(False)
         found = found[: self.correction.propagation_end(row) - row - 1]
         self.correction.propagate(row + 1, found)
         self._strip.mark_all()
@@ -275,6 +274,15 @@ class LandmarkEditor:
             f"Carried forward to {len(found)} frames"
             + (f"; the face is lost in frame {row + len(found) + 2}." if lost else ".")
         )
+
+    def _carrying(self, on: bool) -> None:
+        """Show, or no longer, how far the points are carried."""
+        self._show_progress()
+        self._progress.row.visible = self._timer.active = on
+        self._forward.enabled = not on
+
+    def _show_progress(self) -> None:
+        self._progress.show("Carrying forward", self.share)
 
     def _propagated(self, row: int, until: int) -> F32:
         """Points (k, 81, 2) of the frames after `row`."""
