@@ -12,6 +12,7 @@ from studio_browser import StudioServer, browser, hand_over, page, studio_server
 
 from guise.app.cli.commands import command_line, commands
 from guise.app.deidentify.options import DeidentifyOptions
+from guise.app.enrolment.options import TrainingChoices
 from guise.app.media.time_range import TimeRange
 from guise.app.studio.deidentify_jobs import options_from
 from guise.app.studio.option_form import EncodingOptions, called, taken
@@ -23,13 +24,22 @@ from guise.common.progress import silent
 
 
 @pytest.mark.parametrize(
-    ("command", "kinds"), [("swap", OPTIONS), ("deidentify", (DeidentifyOptions, EncodingOptions))]
+    ("command", "kinds"),
+    [
+        ("swap", OPTIONS),
+        ("deidentify", (DeidentifyOptions, EncodingOptions)),
+        ("enroll", (TrainingChoices,)),
+    ],
 )
 def test_every_option_of_a_page_is_one_of_the_command(command: str, kinds: tuple[type, ...]) -> None:
-    names = {called(name, told) for kind in kinds for name, (told, _, _) in options_of(kind).items()}
+    assert {called(name, told) for kind in kinds for name, (told, _, _) in options_of(kind).items()} <= known(
+        command
+    )
+
+
+def known(command: str) -> set[str]:
     parameters = dict(commands(typer.main.get_command(command_line())))[command].params
-    known = {opt.lstrip("-") for param in parameters for opt in param.opts}
-    assert names <= known
+    return {opt.lstrip("-") for param in parameters for opt in param.opts}
 
 
 def test_values_become_the_options_of_the_engine() -> None:
@@ -87,3 +97,32 @@ def test_a_preset_is_saved_and_a_part_of_a_video_looked_through(
     page.get_by_role("button", name="Delete the preset court").click()
     page.get_by_role("button", name="Delete the preset court").wait_for(state="detached")
     assert presets.saved() == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("path", "command", "button", "saved"),
+    [
+        ("/live", "live", "Kofi (fictional)", {"identity": ["Kofi"], "mode": "swap"}),
+        ("/analogy", "analogy image", "Ratio images", {"method": "ratio", "strength": 1.0}),
+    ],
+)
+def test_what_a_page_shows_is_saved_and_shown_again(
+    page: Any, studio_server: StudioServer, path: str, command: str, button: str, saved: dict[str, Any]
+) -> None:
+    page.goto(studio_server.url(path))
+    page.get_by_text("Options and presets").click()
+    page.get_by_role("button", name=button, exact=True).click()
+    page.get_by_label("Name of a preset").fill("desk")
+    page.get_by_role("button", name="Save").click()
+    page.get_by_role("button", name="Delete the preset desk").wait_for()
+    options = presets.preset("desk", command)
+    assert saved.items() <= options.items()
+    assert options.keys() <= known(command)
+    page.reload()
+    page.get_by_text("Options and presets").click()
+    assert page.locator(f"[aria-pressed=true]:has-text('{button}')").count() == 0
+    page.get_by_role("combobox", name="Preset").click()
+    page.get_by_role("option", name="desk").click()
+    page.locator(f"[aria-pressed=true]:has-text('{button}')").wait_for()
+    presets.delete("desk")

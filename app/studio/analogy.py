@@ -12,11 +12,14 @@ from typing import Any
 
 from nicegui import ui
 
+from guise.app.meshes.options import TransferOptions as HeadOptions
 from guise.app.meshes.points import AUTO
+from guise.app.photos.options import AnalogyOptions as PhotoOptions
 from guise.app.studio.analogy_jobs import MONTAGE, PICTURE, SOURCE, TARGET, ZIP, head, photo
 from guise.app.studio.dialogs import confirm
 from guise.app.studio.file_picker import FilePicker
 from guise.app.studio.head_points import BACKGROUND, Standing, edit_points, points_file
+from guise.app.studio.option_form import PresetChoice, taken
 from guise.app.studio.site import Studio, advanced, choice_row, heading, page, script, sentence, show_job
 from guise.app.studio.store import JobRow, StudioError
 from guise.app.studio.uploads import CLIP, MESH
@@ -36,6 +39,7 @@ HEAD_INTRO = (
     "Copy the expressions of one head onto another, whatever their meshes. Guise finds the landmarks; you can place "
     "them yourself."
 )
+HEAD_COMMANDS = ["analogy mesh transfer", "analogy mesh rig", "analogy mesh sequence"]
 HALF_DISTANCE_HEADS = 0.62  # of a head from the middle of the scene, in head heights
 
 
@@ -131,13 +135,27 @@ class _PhotoForm(_AnalogyForm):
             ).classes("opacity-70")
             with ui.row().classes("items-center w-full no-wrap pr-4"):
                 ui.label("Strength of expression").classes("w-48")
-                self._strength = ui.slider(min=0, max=1.5, step=0.1, value=1.0)
+                self._strength = ui.slider(min=0, max=2, step=0.1, value=1.0)
                 self._strength.props('label aria-label="Strength of expression"')
             with advanced():
+                PresetChoice(["analogy image", "analogy animate"], self._options, self._use).build()
                 self._method = choice_row("Method", PHOTO_METHODS, next(iter(PHOTO_METHODS)))
                 self._mouth = choice_row("Open mouth", MOUTHS, next(iter(MOUTHS)))
             ui.button("Create", on_click=lambda: self._start(self._about))
         self._results()
+
+    def _options(self) -> dict[str, Any]:
+        return {
+            "method": self._method.value, "open-mouth": self._mouth.value, "strength": self._strength.value
+        }  # fmt: skip
+
+    def _use(self, given: dict[str, Any]) -> None:
+        chosen = taken(PhotoOptions, given)
+        self._method.value, self._mouth.value, self._strength.value = (
+            chosen.method,
+            chosen.mouth,
+            chosen.strength,
+        )
 
     def _about(self) -> dict[str, Any]:
         s, s1, t = self._s.chosen, self._s1.chosen, self._t.chosen
@@ -188,9 +206,17 @@ class _HeadForm(_AnalogyForm):
                     button.on_click(partial(self._points, picker)).props("outline")
             self._keep_rigid = ui.switch("Keep eyes and teeth in place")
             with advanced():
+                PresetChoice(HEAD_COMMANDS, self._options, self._use).build()
                 self._method = choice_row("Method", HEAD_METHODS, next(iter(HEAD_METHODS)))
             ui.button("Transfer", on_click=lambda: self._start(self._about))
         self._results()
+
+    def _options(self) -> dict[str, Any]:
+        return {"method": self._method.value, "keep-rigid": self._keep_rigid.value}
+
+    def _use(self, given: dict[str, Any]) -> None:
+        chosen = taken(HeadOptions, given)
+        self._method.value, self._keep_rigid.value = chosen.method, chosen.keep_rigid
 
     async def _points(self, picker: FilePicker) -> None:
         if not picker.chosen:

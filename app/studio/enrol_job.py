@@ -9,8 +9,10 @@ from typing import Any
 from guise.aam.model import Identity, rename_model
 from guise.app.enrolment.file import enrol_file
 from guise.app.enrolment.landmark_source import LandmarkSource
+from guise.app.enrolment.options import TrainingChoices
 from guise.app.people.kept import free_name
 from guise.app.photos.enrol_photos import enrol_photos
+from guise.app.studio.option_form import taken
 from guise.app.studio.store import preview_of
 from guise.app.swapping.file import enrolment_grade
 from guise.common.progress import Progress
@@ -22,14 +24,17 @@ _MODEL = "model.guise"  # in the job's folder
 def enrol_job(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
     """Train on a clip, with the landmarks beside it if there are any, or on photos.
 
-    about : "clip" and "model", paths, or instead of the clip "photos", paths; "name", the person's.
+    about : "clip" and "model", paths, or instead of the clip "photos", paths; "name", the person's; "options" of
+        `guise enroll`, by name.
     """
-    done = folder / _MODEL
+    done, options = folder / _MODEL, taken(TrainingChoices, about.get("options", {})).training()
     if photos := list(map(Path, about.get("photos", ()))):
-        report = enrol_photos(photos, done, name=about["name"], progress=progress)
+        report = enrol_photos(photos, done, name=about["name"], options=options, progress=progress)
     else:
         clips = [Path(about["clip"])]
-        report = enrol_file(clips, done, LandmarkSource(), name=about["name"], progress=progress)
+        report = enrol_file(
+            clips, done, LandmarkSource(), name=about["name"], options=options, progress=progress
+        )
     identity = Identity.load(done)
     graded = enrolment_grade(identity)
     return {

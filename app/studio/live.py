@@ -23,12 +23,11 @@ from guise.app.studio.live_elements import Performance
 from guise.app.studio.live_faces import NOBODY, LiveCast
 from guise.app.studio.live_recording import RecordingButtons
 from guise.app.studio.live_run import LiveRun
-from guise.app.studio.live_settings import BROWSER, COMPUTER, SettingsPanel
+from guise.app.studio.live_settings import BROWSER, CAMERA_SIZES, COMPUTER, SettingsPanel
 from guise.app.studio.live_stage import Stage
 from guise.app.studio.site import Studio, camera_error, page, script
 from guise.common.errors import GuiseError
 
-CAMERA_SIZES = {480: (854, 480), 720: (1280, 720)}  # pixels, of the computer's camera, by lines
 IDLE = "Start asks for your camera; no picture leaves this computer."
 UPDATE_SECONDS = 0.5  # between two updates of the page
 MESH_SECONDS = 0.08  # between two of the mesh over the person's own picture

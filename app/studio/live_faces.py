@@ -16,7 +16,7 @@ from guise.app.live.session import SessionConfig
 from guise.app.people.kept import free_name
 from guise.app.studio.dialogs import confirm
 from guise.app.studio.site import Studio
-from guise.app.swapping.donors import MODEL_SUFFIX, open_donor
+from guise.app.swapping.donors import FIRST_NAMES, MODEL_SUFFIX, open_donor
 from guise.common.errors import GuiseError
 
 NOBODY = ""  # instead of a person's id: enrol
@@ -47,6 +47,11 @@ class LiveCast:
     def chosen(self) -> str:
         """The spec of the face that is shown."""
         return list(self.faces)[self.controls.settings.identity]
+
+    @property
+    def names(self) -> list[str]:
+        """Of the faces, as the commands know them."""
+        return [FIRST_NAMES.get(spec, name) for spec, name in self.faces.items()]
 
     def people(self) -> dict[str, str]:
         """Ids and names of the people who can be at the camera."""

@@ -7,9 +7,12 @@ from typing import Any
 
 from nicegui import ui
 
+from guise.app.drawing.look import DrawingChoices
+from guise.app.live.options import LiveSettings
 from guise.app.live.virtualcam import VirtualCamera
 from guise.app.studio.live_elements import select
 from guise.app.studio.live_faces import NOBODY, LiveCast
+from guise.app.studio.option_form import PresetChoice, taken
 from guise.app.studio.portraits import Portraits
 from guise.app.studio.site import advanced
 from guise.common.errors import OutputError
@@ -20,6 +23,7 @@ SIZES = {
     480: "480p, smoother",
     720: "720p, sharper",
 }  # by lines of the picture, which keeps the camera's aspect
+CAMERA_SIZES = {480: (854, 480), 720: (1280, 720)}  # pixels, of the computer's camera, by lines
 MODES = {"swap": "Swap", "puppet": "Puppet", "off": "Cover"}
 STYLES = {"mosaic": "Mosaic", "solid": "Solid", "blur": "Blur"}
 SWITCHES = ("mirror", "mesh", "mask")
@@ -59,14 +63,39 @@ class SettingsPanel:
         with ui.column().classes("gap-0 w-full"):
             alpha = ui.label()
             self._alpha = ui.slider(min=0, max=1, step=0.05, value=settings.alpha)
-            self._alpha.on_value_change(self._changer("alpha")).props('aria-label="Expression"')
-            alpha.bind_text_from(self._alpha, "value", lambda v: f"Expression let through: {v:.2f}")
+            self._alpha.on_value_change(self._changer("alpha")).props('aria-label="Strength of expression"')
+            alpha.bind_text_from(self._alpha, "value", lambda v: f"Strength of expression: {v:.2f}")
         self._sources()
         with advanced():
-            select("Cover style", STYLES, settings.style, self._changer("style"))
+            PresetChoice(["live"], self._options, self._use).build()
+            self._style = select("Cover style", STYLES, settings.style, self._changer("style"))
             self._size = select("Resolution", SIZES, 480, lambda _: None)
             self._switches = {name: self._switch(name) for name in SWITCHES}
             ui.label(f"Keys: {KEYS}.").classes("opacity-70")
+
+    def _options(self) -> dict[str, Any]:
+        """What is set, by options of `guise live`."""
+        now, size = self._controls.settings, CAMERA_SIZES[self.lines]
+        return {
+            "identity": [self._cast.names[now.identity]], "mode": now.mode, "alpha": now.alpha, "cover": now.style,
+            "mirror": now.mirror, "size": f"{size[0]}x{size[1]}",
+        }  # fmt: skip
+
+    async def _use(self, given: dict[str, Any]) -> None:
+        """Take the options of a preset; its first face that is known here is shown, if the user may."""
+        settings, drawing = taken(LiveSettings, given), taken(DrawingChoices, given)
+        self._controls.change(
+            mode=settings.mode, style=settings.style, alpha=drawing.alpha, mirror=given.get("mirror", True)
+        )
+        lines = str(given.get("size", "")).rpartition("x")[2]
+        self._size.value = int(lines) if lines in map(str, SIZES) else min(SIZES)
+        names, wanted = self._cast.names, given.get("identity", [])
+        for name in [wanted] if isinstance(wanted, str) else wanted:
+            if name in names:
+                await self._cast.choose(names.index(name))
+                break
+        self.show()
+        self._changed()
 
     def _sources(self) -> None:
         people, store = self._cast.people(), self._cast.studio.store
@@ -124,7 +153,7 @@ class SettingsPanel:
     def show(self) -> None:
         """Show what the keys have changed."""
         settings = self._controls.settings
-        self._mode.value, self._alpha.value = settings.mode, settings.alpha
+        self._mode.value, self._alpha.value, self._style.value = settings.mode, settings.alpha, settings.style
         for name, switch in self._switches.items():
             switch.value = getattr(settings, name)
         self._pressed = self._cast.chosen

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 from nicegui import ui
 
 from guise.app.media import EncodeOptions
+from guise.app.studio.site import advanced
 from guise.app.studio.store import StudioError
 from guise.common import presets
 from guise.common.option import Option, option, options_of
@@ -36,6 +37,7 @@ class EncodingOptions:
         return EncodeOptions(self.encoder, self.crf, self.preset, self.lossless)
 
 
+NO_OPTIONS: Mapping[str, Any] = {}
 FIRST = ("from", "to", "outside")  # in a form, before the others
 T = TypeVar("T")
 
@@ -89,6 +91,49 @@ def _plain(hint: Any) -> Any:
     )
 
 
+class PresetChoice:
+    """A choice among the presets of some commands, the first of which is read; what is set can be saved as one.
+
+    values : gives what is set, by names of options.   use : called with the options of a preset, or none.
+    """
+
+    def __init__(
+        self, commands: Sequence[str], values: Callable[[], dict[str, Any]],
+        use: Callable[[dict[str, Any]], Awaitable[None] | None],
+    ) -> None:  # fmt: skip
+        self._commands, self._values, self._use = commands, values, use
+
+    @ui.refreshable_method
+    def build(self, chosen: str | None = None) -> None:
+        """The choice, and what saves and deletes.   chosen : the preset that is shown."""
+        with ui.row().classes("w-full items-center gap-2 mb-4"):
+            choice = ui.select(
+                presets.names(), label="Preset", value=chosen, on_change=lambda event: self._take(event.value)
+            )
+            choice.props("dense outlined clearable").classes("grow")
+            name = ui.input("Name of a preset", value=chosen or "").props("dense outlined").classes("grow")
+            ui.button("Save", icon="save", on_click=lambda: self._save(name.value)).props("outline")
+            if chosen in presets.saved():
+                remove = ui.button(icon="delete", color=None, on_click=partial(self._delete, str(chosen)))
+                remove.props("flat round").props["aria-label"] = f"Delete the preset {chosen}"
+
+    async def _take(self, name: str | None) -> None:
+        done = self._use(presets.preset(name, self._commands[0]) if name else {})
+        if done is not None:
+            await done
+        self.build.refresh(name)
+
+    def _save(self, name: str) -> None:
+        for command in self._commands:
+            presets.save(name, command, self._values())
+        self.build.refresh(presets.checked_name(name))
+        ui.notify(f"Saved: guise {self._commands[0]} takes it with --preset.")
+
+    def _delete(self, name: str) -> None:
+        presets.delete(name)
+        self.build.refresh(None)
+
+
 class OptionForm:
     """The options of some dataclasses, folded away.   command : whose presets they are, such as "deidentify"."""
 
@@ -112,39 +157,14 @@ class OptionForm:
 
     def build(self) -> None:
         """The presets, and a field for each option."""
-        with ui.expansion("Options and presets", icon="tune").classes("w-full"):
-            self._presets()
+        with advanced():
+            PresetChoice([self._command], lambda: self.values, self._use).build()
             self._fields()
 
-    @ui.refreshable_method
-    def _presets(self, chosen: str | None = None) -> None:
-        with ui.row().classes("w-full items-center gap-2 mb-4"):
-            names = presets.names()
-            choice = ui.select(
-                names, label="Preset", value=chosen, on_change=lambda event: self._use(event.value)
-            )
-            choice.props("dense outlined clearable").classes("grow")
-            name = ui.input("Name of a preset", value=chosen or "").props("dense outlined").classes("grow")
-            ui.button("Save", icon="save", on_click=lambda: self._save(name.value)).props("outline")
-            if chosen in presets.saved():
-                remove = ui.button(icon="delete", color=None, on_click=partial(self._delete, str(chosen)))
-                remove.props("flat round").props["aria-label"] = f"Delete the preset {chosen}"
-
-    def _use(self, name: str | None) -> None:
-        known = {option: default for option, _, default, _ in self._options}
-        found = presets.preset(name, self._command) if name else {}
-        self._values = {option: value for option, value in found.items() if option in known}
+    def _use(self, given: dict[str, Any]) -> None:
+        known = {name for name, *_ in self._options}
+        self._values = {name: value for name, value in given.items() if name in known}
         self._fields.refresh()
-        self._presets.refresh(name)
-
-    def _save(self, name: str) -> None:
-        presets.save(name, self._command, self.values)
-        self._presets.refresh(presets.checked_name(name))
-        ui.notify(f"Saved: guise {self._command} --preset knows it, too.")
-
-    def _delete(self, name: str) -> None:
-        presets.delete(name)
-        self._presets.refresh(None)
 
     @ui.refreshable_method
     def _fields(self) -> None:

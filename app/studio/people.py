@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
 from typing import Any
 
@@ -11,6 +11,7 @@ from nicegui import run, ui
 from starlette.responses import PlainTextResponse, Response
 
 from guise.aam.model import Identity, ModelError, read_header
+from guise.app.enrolment.options import TrainingChoices
 from guise.app.media.image_writing import encode_image
 from guise.app.people.montage import montage, portrait
 from guise.app.photos.enrol_photos import MAX_PHOTOS
@@ -18,6 +19,7 @@ from guise.app.studio.clip_recorder import ClipRecorder
 from guise.app.studio.dialogs import asked, confirm
 from guise.app.studio.enrol_job import ENROL_JOB, enrol_job, keep_person
 from guise.app.studio.live_faces import FACE as LIVE_FACE
+from guise.app.studio.option_form import NO_OPTIONS, OptionForm
 from guise.app.studio.site import Studio, empty_state, heading, local_time, page, sentence, show_job
 from guise.app.studio.store import JobRow, Person, StudioError, Upload
 from guise.app.studio.swap import FACE as SWAP_FACE
@@ -56,9 +58,9 @@ def register(studio: Studio) -> None:
     nicegui_app.get("/montages/{id}.png")(montage_of)
 
 
-def train(studio: Studio, clip: Upload, name: str = "") -> str:
-    """Start training a new person's model on a clip; the id of the job."""
-    return _enrol(studio, clip, studio.store.add_person(name or clip.name, clip.id))
+def train(studio: Studio, clip: Upload, name: str = "", options: Mapping[str, Any] = NO_OPTIONS) -> str:
+    """Start training a new person's model on a clip; the id of the job.   options : of `guise enroll`, by name."""
+    return _enrol(studio, clip, studio.store.add_person(name or clip.name, clip.id), options)
 
 
 def retrain(studio: Studio, person: Person) -> str:
@@ -69,8 +71,9 @@ def retrain(studio: Studio, person: Person) -> str:
     return _enrol(studio, studio.store.upload(person.clip or ""), person)
 
 
-def _enrol(studio: Studio, clip: Upload, person: Person) -> str:
-    return _start(studio, person, {"clip": str(clip.path), "files": {str(clip.path): clip.name}})
+def _enrol(studio: Studio, clip: Upload, person: Person, options: Mapping[str, Any] = NO_OPTIONS) -> str:
+    material = {"clip": str(clip.path), "files": {str(clip.path): clip.name}, "options": dict(options)}
+    return _start(studio, person, material)
 
 
 def _start(studio: Studio, person: Person, material: dict[str, Any]) -> str:
@@ -84,6 +87,7 @@ class _PeoplePage:
     def __init__(self, studio: Studio) -> None:
         self.studio = studio
         self._cards: dict[str, tuple[Any, ui.element]] = {}  # by id, what was drawn and where
+        self._form = OptionForm("enroll", (TrainingChoices,))
         self._next: Upload | None = None  # that somebody may be learned from next
 
     def build(self) -> None:
@@ -145,6 +149,7 @@ class _PeoplePage:
             )  # fmt: skip
             recorder = ClipRecorder(field)
             recorder.stage()
+            self._form.build()
             self._material()
             for words in ADVICE:
                 ui.label(words).classes("opacity-70")
@@ -202,16 +207,16 @@ class _PeoplePage:
         self._material.refresh()
 
     def _learn_clip(self, clip: Upload) -> None:
-        train(self.studio, clip, self._name.value)
+        train(self.studio, clip, self._name.value, self._form.values)
         self._next = None
         self._begun()
 
     def _learn(self, photos: list[Upload]) -> None:
         if len(photos) > MAX_PHOTOS:
             raise StudioError(f"choose at most {MAX_PHOTOS} photos of one person, there are {len(photos)}")
+        names, options = {str(photo.path): photo.name for photo in photos}, self._form.values
         person = self.studio.store.add_person(self._name.value or photos[0].name, None)
-        names = {str(photo.path): photo.name for photo in photos}
-        _start(self.studio, person, {"photos": list(names), "files": names})
+        _start(self.studio, person, {"photos": list(names), "files": names, "options": options})
         self._begun()
 
     def _begun(self) -> None:

@@ -17,7 +17,7 @@ from nicegui import events, run, ui
 
 from guise.app.media.file_kind import kind_of
 from guise.app.studio.dialogs import confirm
-from guise.app.studio.option_form import OptionForm
+from guise.app.studio.option_form import NO_OPTIONS, OptionForm
 from guise.app.studio.pictures import data_url
 from guise.app.studio.site import Studio, empty_state, heading, local_time, sentence, show_job
 from guise.app.studio.store import CLIP, JobRow, MissingError, Upload
@@ -29,7 +29,6 @@ from guise.common.failures import explain
 from guise.common.files import write_whole
 from guise.common.samples import samples_folder
 
-NO_OPTIONS: Mapping[str, Any] = {}
 PREVIEW_WIDTH_PIXELS = 1280
 DROP_HINT = "Drop videos or photos here, or paste a picture"
 SAMPLE, SAMPLE_FILE = "A sample clip", Path("p01", "talk2.mp4")
