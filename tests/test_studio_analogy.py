@@ -144,6 +144,32 @@ def test_a_landmark_is_placed_by_a_click_on_the_head(desk: Any, studio_server: S
     assert np.delete(moved, nose).max() < 1e-3
 
 
+def test_a_landmark_is_placed_by_keys(desk: Any, studio_server: StudioServer) -> None:
+    desk.get_by_role("tab", name="Heads").click()
+    upload(desk, "Source", HEADS / "mean.obj")
+    desk.get_by_role("button", name="Landmarks of the source").click()
+    place = desk.get_by_role("application", name="Place landmarks by keys")
+    place.wait_for(timeout=LONG)
+    nose = FEATURE_POINT_NAMES.index("nose_tip")
+    place.focus()
+    for _ in range(nose):
+        desk.keyboard.press("n")
+    desk.get_by_text("nose tip", exact=True).first.wait_for()
+    for _ in range(3):
+        desk.keyboard.press("ArrowUp")
+    desk.get_by_role("button", name="Save").focus()
+    desk.keyboard.press("Enter")
+    desk.get_by_text("the next transfer uses these landmarks").wait_for()
+    files = (studio_server.folder / "uploads").glob("*.landmarks.json")
+    mesh = read_mesh(HEADS / "mean.obj").mesh
+    found = find_feature_points(mesh)
+    file = max(files, key=lambda file: file.stat().st_mtime)
+    moved = load_feature_points(file, mesh).positions - found.positions
+    height = float(np.ptp(mesh.vertices[:, 1]))
+    assert 0.01 * height < moved[nose, 1] < 0.04 * height
+    assert np.abs(np.delete(moved, nose, axis=0)).max() < 1e-3
+
+
 def _turn(desk: Any) -> None:
     """What is seen changes when it is dragged, and when the expression is taken away."""
     scene = desk.get_by_role("img", name="drag to turn them")

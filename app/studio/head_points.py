@@ -12,6 +12,7 @@ from nicegui import events, run, ui
 from guise.aam.similarity import Failed
 from guise.analogy.feature_points import FEATURE_POINT_NAMES, find_feature_points
 from guise.analogy.formats.files import read_mesh, write_rig
+from guise.analogy.geometry import Surface
 from guise.app.studio.analogy_jobs import view_of
 from guise.app.studio.site import Studio
 from guise.app.studio.store import StudioError, Upload
@@ -21,6 +22,11 @@ from guise.common.files import write_whole
 Z_UP = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], float)  # from (right, up, forward) to the scene's axes
 BACKGROUND = "#1b1d20"
 POINT_HEAD_HEIGHTS = 0.007  # radius
+STEP_HEAD_HEIGHTS, FINE_STEP_HEAD_HEIGHTS = 0.01, 0.002  # of a press of an arrow key, and with shift
+TURN_RADIANS, CAMERA_HEAD_HEIGHTS = np.radians(30), 2.2
+UP, FRONT = np.array([0.0, 0, 1]), np.array([0.0, -1, 0])  # in the scene
+ARROWS = {"ArrowLeft": (-1, 0), "ArrowRight": (1, 0), "ArrowUp": (0, 1), "ArrowDown": (0, -1)}
+KEYS = "Keys on the head: arrows move the landmark, with shift by less; n, p: next, previous; l, r: turn the head."
 COLOUR, CHOSEN = "#5af082", "#f59e0b"
 
 
@@ -53,8 +59,8 @@ def points_file(head: Upload) -> Path:
     return head.path.with_suffix(".landmarks.json")
 
 
-def _found(head: Upload) -> tuple[dict[str, Any], dict[str, list[float]]]:
-    """How a head stands, and its feature points as they were set or are found; it is drawn from a GLB beside it."""
+def _found(head: Upload) -> tuple[Surface, Standing, dict[str, list[float]]]:
+    """A head, how it stands, and its feature points as they were set or are found; it is drawn from a GLB beside it."""
     file = read_mesh(head.path)
     write_rig(_drawn(head), file, [], [])
     points = find_feature_points(file.mesh)
@@ -62,7 +68,7 @@ def _found(head: Upload) -> tuple[dict[str, Any], dict[str, list[float]]]:
     view = view_of(file.mesh.vertices, None if isinstance(points, Failed) else points.positions)
     if points_file(head).exists():
         positions = json.loads(points_file(head).read_text(encoding="utf-8"))
-    return view, positions
+    return Surface(file.mesh.vertices, file.mesh.faces, 0.0), Standing(view), positions
 
 
 def _drawn(head: Upload) -> Path:
@@ -74,14 +80,15 @@ async def edit_points(studio: Studio, head: Upload) -> None:
     ui.notify("Looking for the landmarks …")
     found = await run.io_bound(_found, head)
     if found is not None:  # the studio is not closing
-        _PointEditor(studio, head, Standing(found[0]), found[1]).open()
+        _PointEditor(studio, head, *found).open()
 
 
 class _PointEditor:
     def __init__(
-        self, studio: Studio, head: Upload, standing: Standing, positions: dict[str, list[float]]
-    ) -> None:
-        self._studio, self._head, self._standing, self._positions = studio, head, standing, positions
+        self, studio: Studio, head: Upload, surface: Surface, standing: Standing, positions: dict[str, list[float]]
+    ) -> None:  # fmt: skip
+        self._studio, self._head, self._positions = studio, head, positions
+        self._surface, self._standing, self._yaw = surface, standing, 0.0
         self._marks: dict[str, Any] = {}
         self._id = ""
 
@@ -98,6 +105,7 @@ class _PointEditor:
                 ui.label(
                     "Choose a landmark, then click its place on the head. Left and right are the person's."
                 )
+                ui.label(KEYS).classes("opacity-70")
                 names = {name: self._words(name) for name in FEATURE_POINT_NAMES}
                 self._choice = ui.select(names, value=self._next(), label="Landmark", on_change=self._colour)
                 self._choice.props("outlined dense").classes("w-full")
@@ -112,14 +120,18 @@ class _PointEditor:
 
     def _build_scene(self) -> None:
         camera = ui.scene.perspective_camera(fov=30)
-        self._scene = ui.scene(
-            grid=False, background_color=BACKGROUND, camera=camera, click_events=["click"], on_click=self._clicked
-        )  # fmt: skip
+        with ui.element("div").props("tabindex=0 role=application").classes("w-full") as place:
+            place.props["aria-label"] = f"Place landmarks by keys. {KEYS}"
+            self._scene = ui.scene(
+                grid=False, background_color=BACKGROUND, camera=camera, click_events=["click"], on_click=self._clicked
+            )  # fmt: skip
+        place.on("keydown.up.down.left.right.prevent", self._pressed, ["key", "shiftKey"])
+        place.on("keydown.n.p.l.r", self._pressed, ["key", "shiftKey"])
         self._scene.classes("w-full scene").props('role="img"')
         self._scene.props["aria-label"] = (
             f"The head {self._head.name}; drag to turn it, click to place the landmark"
         )
-        self._scene.move_camera(0, -2.2, 0, 0, 0, 0, duration=0)
+        self._turn(0.0)
         self._id = self._standing.place(self._scene, self._studio.url(_drawn(self._head)))
         light = (
             f"guiseHeads.show({self._scene.id}, ['{self._id}'], -1, 0); guiseHeads.still({self._scene.id})"
@@ -139,13 +151,44 @@ class _PointEditor:
         hit = next((hit for hit in event.hits if hit.object_id == self._id), None)
         if hit is None:
             return
-        name, was_placed = str(self._choice.value), self._choice.value in self._positions
-        self._positions[name] = self._standing.to_mesh(np.array([hit.x, hit.y, hit.z])).tolist()
-        self._mark(name)
-        self._choice.set_options({one: self._words(one) for one in FEATURE_POINT_NAMES})
+        was_placed = self._choice.value in self._positions
+        self._place(np.array([hit.x, hit.y, hit.z]))
         if not was_placed:
             self._choice.value = self._next()
         self._colour()
+
+    def _place(self, place: F64) -> None:
+        """Put the chosen landmark at a place in the scene."""
+        name = str(self._choice.value)
+        self._positions[name] = self._standing.to_mesh(place).tolist()
+        self._mark(name)
+        self._choice.set_options({one: self._words(one) for one in FEATURE_POINT_NAMES})
+        self._colour()
+
+    def _pressed(self, event: events.GenericEventArguments) -> None:
+        """Move the chosen landmark over the head as it is seen, choose another one, or turn the head."""
+        key, count = event.args["key"], len(FEATURE_POINT_NAMES)
+        if key in ARROWS:
+            step = np.array(ARROWS[key]) * (
+                FINE_STEP_HEAD_HEIGHTS if event.args["shiftKey"] else STEP_HEAD_HEIGHTS
+            )
+            known = self._positions.get(str(self._choice.value))
+            start = FRONT if known is None else self._standing.to_scene(np.array(known))
+            right = np.array([np.cos(self._yaw), np.sin(self._yaw), 0.0])
+            wanted = self._standing.to_mesh(start + step[0] * right + step[1] * UP)
+            found = self._surface.closest_points(wanted[None], np.zeros((1, 3))).positions[0]
+            self._place(self._standing.to_scene(found))
+        elif key in "np":
+            at = FEATURE_POINT_NAMES.index(str(self._choice.value)) + (1 if key == "n" else -1)
+            self._choice.value = FEATURE_POINT_NAMES[at % count]
+        else:
+            self._turn(self._yaw + (TURN_RADIANS if key == "r" else -TURN_RADIANS))
+
+    def _turn(self, yaw: float) -> None:
+        """Look at the head from an angle about its axis, radians, 0 from the front."""
+        self._yaw = yaw
+        x, y = CAMERA_HEAD_HEIGHTS * np.array([np.sin(yaw), -np.cos(yaw)])
+        self._scene.move_camera(x, y, 0, 0, 0, 0, duration=0)
 
     def _mark(self, name: str) -> None:
         if name not in self._marks:
