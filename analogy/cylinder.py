@@ -309,9 +309,9 @@ def cylindrical_correspondence(
     pose = align_by_points(*points).inverse()
     moved = target.with_vertices(pose.apply(target.vertices))
     cylinder = Cylinder.around(source, points[0])
-    faces, skin = source.faces[skin_mask(source)[source.faces[:, 0]]], skin_mask(target)
+    faces, skin = source.faces[skin_mask(source)[source.faces].all(1)], skin_mask(target)
     image = MeshImage(cylinder, source.vertices, faces)
-    own = MeshImage(cylinder, moved.vertices, moved.faces[skin[moved.faces[:, 0]]])
+    own = MeshImage(cylinder, moved.vertices, moved.faces[skin[moved.faces].all(1)])
     low = min(image.low, own.low)  # a head ends at its crown, its neck anywhere
     places = _off_axis_points(cylinder, points[0], pose.apply(points[1]))
     warp = PiecewiseAffineMap(cylinder, *places, (low, image.high), (low, own.high))

@@ -2,6 +2,7 @@
 
 A mesh does not say which way is up or where it looks.  The built-in landmarker recognises shaded pictures of bald
 heads, so it is shown the mesh upright, then in the 23 other orientations by right angles, then in evenly spread ones.
+The head of a whole body is small in such pictures: the top of the mesh and each of its large components are shown, too.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from guise.analogy.geometry import sum_by_index
+from guise.analogy.geometry import face_normals, sum_by_index
 from guise.analogy.mesh import Mesh
 from guise.analogy.normals import unit_vectors
 from guise.analogy.views import OrthographicView, ViewedMesh
@@ -32,6 +33,9 @@ class FaceSearchSettings:
     cells_per_side: int = 64  # along the longest side; vertices in one cell are merged for the search
     min_confidence: float = 0.3  # of the landmarker, from which a face is looked at from the front
     extra_rotations: int = 96  # that are tried when right angles find none
+    head_heights: tuple[float, ...] = (0.15, 0.27)  # of a body, that the head at its top may be tall
+    components: int = 5  # the largest ones, each of which may be a head
+    margin: float = 1.3  # of a picture of a head, beyond it
 
 
 FACE_SEARCH = FaceSearchSettings()
@@ -70,19 +74,53 @@ def find_face_views(mesh: Mesh) -> Iterator[FaceView]:
     """
     whole = ViewedMesh.of(mesh)
     rough = _decimated(whole)
-    upright, others = np.eye(3)[None], np.concatenate([_right_angle_rotations(), _uniform_rotations()])
+    boxes = _component_boxes(mesh)
+    upright, others = np.eye(3)[None], _right_angle_rotations()
     for turns in (upright, others):
         yield from _detect(whole, rough, turns)
         yield from _detect(whole.without_normals(), rough.without_normals(), turns)
+        for axes in turns:
+            for view in _head_views(mesh.vertices, boxes, axes):
+                near = whole.crop(view.centre, 1.5 * view.half)
+                if len(near.faces):
+                    yield from _seen_from(view, whole, _decimated(near))
+    yield from _detect(whole, rough, _uniform_rotations())
+    yield from _detect(whole.without_normals(), rough.without_normals(), _uniform_rotations())
 
 
 def _detect(solid: ViewedMesh, rough: ViewedMesh, turns: F64) -> Iterator[FaceView]:
     """The faces that are seen along axes (n, 3, 3); the search uses a decimated mesh."""
     for axes in turns:
-        view = rough.whole_view(axes, FACE_SEARCH.picture_px)
-        for face in landmarker().detect(rough.render(view)[0]):
-            if face.confidence >= FACE_SEARCH.min_confidence:
-                yield FaceView(solid, view, face.points)
+        yield from _seen_from(rough.whole_view(axes, FACE_SEARCH.picture_px), solid, rough)
+
+
+def _seen_from(view: OrthographicView, solid: ViewedMesh, rough: ViewedMesh) -> Iterator[FaceView]:
+    for face in landmarker().detect(rough.render(view)[0]):
+        if face.confidence >= FACE_SEARCH.min_confidence:
+            yield FaceView(solid, view, face.points)
+
+
+def _head_views(vertices: F64, boxes: list[tuple[F64, float]], axes: F64) -> Iterator[OrthographicView]:
+    """Views along axes (3, 3) of what may be a head: the top of the mesh, and the boxes of components."""
+    up = vertices @ axes[1]
+    for share in FACE_SEARCH.head_heights:
+        tall = share * float(np.ptp(up))
+        top = vertices[up > up.max() - tall]
+        middle = (top.min(0) + top.max(0)) / 2
+        yield OrthographicView(axes, middle, FACE_SEARCH.margin * tall / 2, FACE_SEARCH.picture_px)
+    for middle, size in boxes:
+        yield OrthographicView(axes, middle, FACE_SEARCH.margin * size / 2, FACE_SEARCH.picture_px)
+
+
+def _component_boxes(mesh: Mesh) -> list[tuple[F64, float]]:
+    """Middle (3,) and longest side of the largest components of a mesh that has several."""
+    double = np.linalg.norm(face_normals(mesh.vertices, mesh.faces), axis=1)
+    areas = np.bincount(mesh.components[mesh.faces[:, 0]], double)
+    found = []
+    for label in np.argsort(areas)[::-1][: FACE_SEARCH.components if len(areas) > 1 else 0]:
+        at = mesh.vertices[mesh.components == label]
+        found.append(((at.min(0) + at.max(0)) / 2, float(np.ptp(at, axis=0).max())))
+    return found
 
 
 def _decimated(solid: ViewedMesh) -> ViewedMesh:

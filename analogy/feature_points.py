@@ -9,7 +9,7 @@ are the person's.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -40,9 +40,10 @@ from guise.aam.landmarks.schemes import (
     UPPER_LIP_TOP,
 )
 from guise.aam.similarity import Failed
+from guise.analogy.carriers import carriers
 from guise.analogy.face_views import find_face_views
 from guise.analogy.mesh import Mesh
-from guise.analogy.triangulation import triangulate_face
+from guise.analogy.triangulation import TriangulatedFace, triangulate_face
 from guise.analogy.views import ViewedMesh
 from guise.common.arrays import F64, Int
 from guise.common.errors import GuiseError
@@ -140,7 +141,19 @@ def find_feature_points(mesh: Mesh) -> FeaturePoints | Failed:
         )
     wanted = seen.points[LANDMARK_INDICES] + seen.eye_width * LANDMARK_OFFSETS @ seen.axes
     agreed = (seen.distances[:, LANDMARK_INDICES] < AGREEMENT_EYE_WIDTHS * seen.eye_width).mean(0)
-    return FeaturePoints.from_positions(mesh, seen.on_surface(wanted), agreed)
+    places = seen.on_surface(wanted)
+    if mesh.components.any():
+        seen = _on_components(seen, mesh, carriers(mesh, places, seen.eye_width))
+        places = seen.on_surface(wanted)
+    return FeaturePoints.from_positions(mesh, places, agreed)
+
+
+def _on_components(seen: TriangulatedFace, mesh: Mesh, chosen: list[int]) -> TriangulatedFace:
+    """The face on some components alone: eyes, glasses and hair carry no points."""
+    _, nearest = cKDTree(mesh.vertices).query(seen.surface.vertices)
+    on = np.isin(mesh.components[nearest], chosen)
+    kept = np.asarray(on[seen.surface.faces].all(1))
+    return replace(seen, surface=seen.surface.submesh(kept)) if kept.any() else seen
 
 
 def load_feature_points(path: str | Path, mesh: Mesh, found: FeaturePoints | None = None) -> FeaturePoints:

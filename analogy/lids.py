@@ -126,7 +126,7 @@ def find_lids(mesh: Mesh, points: F64) -> tuple[Lids | None, Lids | None]:
     """
     place = dict(zip(FEATURE_POINT_NAMES, points, strict=True))
     skin = skin_mask(mesh)
-    faces = mesh.faces[skin[mesh.faces[:, 0]]]
+    faces = mesh.faces[skin[mesh.faces].all(1)]
     normals = vertex_normals(mesh.vertices, faces)
     across = place["eye_left_inner"] - place["eye_right_inner"]
     up = place["nose_bridge"] - (place["mouth_corner_left"] + place["mouth_corner_right"]) / 2

@@ -35,6 +35,7 @@ class Mesh:
     Parameters
     ----------
     vertices : (N, 3), finite.   triangles : (t, 3) and quads : (q, 4), 0-based vertex ids.
+    kinds : (N,) what each vertex belongs to, an index of `guise.analogy.anatomy.KINDS`; None where nobody has said.
 
     Raises
     ------
@@ -51,6 +52,7 @@ class Mesh:
     vertices: F64
     triangles: Int
     quads: Int
+    kinds: Int | None = None
 
     def __post_init__(self) -> None:
         _require_vertices(self.vertices, len(self.vertices))
@@ -107,7 +109,7 @@ class Mesh:
 
     def turned(self) -> Mesh:
         """The same mesh with every face wound the other way."""
-        return Mesh(self.vertices, self.triangles[:, ::-1], self.quads[:, ::-1])
+        return Mesh(self.vertices, self.triangles[:, ::-1], self.quads[:, ::-1], self.kinds)
 
     def with_vertices(self, vertices: F64) -> Mesh:
         """The same faces over other vertices (N, 3); what depends on the faces alone is kept.
@@ -118,7 +120,14 @@ class Mesh:
             When the number of vertices differs, or one is not finite.
         """
         _require_vertices(vertices, len(self.vertices))
-        other = Mesh(vertices, self.triangles, self.quads)
+        return self._like(vertices, self.kinds)
+
+    def with_kinds(self, kinds: Int) -> Mesh:
+        """The same mesh, with what each vertex (N,) belongs to."""
+        return self._like(self.vertices, kinds)
+
+    def _like(self, vertices: F64, kinds: Int | None) -> Mesh:
+        other = Mesh(vertices, self.triangles, self.quads, kinds)
         for name in ("faces", "rings", "components"):
             if name in self.__dict__:
                 other.__dict__[name] = self.__dict__[name]

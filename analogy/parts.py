@@ -1,10 +1,10 @@
-"""Parts of a head beside the skin (eyes, teeth, tongue, lashes) and what moves them.
+"""What moves the parts of a head beside the skin: eyes, teeth, tongue, lashes, glasses, hair, clothes, body.
 
-The skin consists of the large components (`guise.analogy.registration.skin_mask`).  Parts that the source has too move
-as they do there.  Of the others, what lies in the mouth stays with the skull or moves with the lower jaw, whose rigid
-motion the skin of the chin shows; eyeballs stay; shells in front of the eyes and cards (mostly open border: lashes,
-brows) follow the lids and the skin under them.  The rest keeps its shape and follows the skin close to it as far as
-that moves rigidly.
+Parts of the mouth that the source has too move as they do there, teeth rigidly.  Of the others, upper teeth stay with
+the skull, lower ones and the tongue move with the lower jaw, whose rigid motion the skin of the chin shows, and a
+cavity lies between.  Shells in front of the eyes, lashes and brows follow the lids and the skin under them.  Eyeballs,
+glasses, hair, clothes and body stay.  What nobody knows keeps its shape and follows the skin close to it as far as that
+moves rigidly.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from guise.aam.similarity import align_rigid
-from guise.analogy.feature_points import FEATURE_POINT_NAMES
+from guise.analogy.anatomy import CORRESPONDING, KINDS, TEETH, FaceFrame, Kind, kinds_by_place
+from guise.analogy.carriers import components_of
 from guise.analogy.filling import TensionFill
 from guise.analogy.geometry import Surface
 from guise.analogy.geometry import border_mask as borders
@@ -28,81 +29,35 @@ from guise.common.arrays import F64, Bool, Int
 class PartLimits:
     """Thresholds of parts beside the skin; widths are those of the mouth or of an eye, from corner to corner."""
 
-    min_border_share: float = 1 / 3  # of a part's vertices on an open border, from which it consists of cards
     skin_samples: int = 64  # skin vertices that say how a part moves
     min_skin_vertices: int = 8  # distinct ones among them
     max_skin_distance_radii: float = 0.25  # of the skin that moves a part, in the part's radii
     rigid_residual: float = 0.1  # non-rigid share of the skin's motion, up to which a part moves fully
     loose_residual: float = 0.25  # and from which it stays
+    min_border_share: float = 1 / 3  # of an unknown part's vertices on an open border, from which it is cards
+    bending_residuals: tuple[float, float] = (
+        0.05,
+        0.1,
+    )  # non-rigid share of a source's motion, from which a soft
+    # part bends with it, and fully
+    fade_share: float = 0.3  # of a part's size, over which bending fades where the source has nothing
     min_matched_share: float = (
         0.5  # of a part's vertices with a counterpart on the source, which then moves it
     )
-    mouth_widths: tuple[float, float, float] = (0.9, 0.9, 1.6)  # sideways, up or down, and back from the lips
-    upper_jaw_widths: float = 0.05  # above the line of the lips, from which a part belongs to the skull
     chin_widths: float = 0.5  # around the chin, of the skin that shows the jaw's motion
     jaw_residual: float = 0.25  # non-rigid share of the chin's motion, up to which the jaw moves fully
     still_jaw_residual: float = 0.5  # and from which it stays
-    eye_widths: float = 0.75  # around the middle of an eye, of eyeballs and shells
-    lid_widths: float = 0.2  # from the lids' corners line of a shell's border
 
 
 PART_LIMITS = PartLimits()
 
 
-@dataclass(frozen=True, eq=False)
-class FaceFrame:
-    """Mouth and eyes of a head, from its 20 feature points (3,) each, in the order of `FEATURE_POINT_NAMES`.
-
-    axes : (3, 3) unit rows: to the person's left, up and forward.   mouth, chin : (3,).   mouth_width : of it.
-    eyes : middle (3,) and width of each.
-    """
-
-    axes: F64
-    mouth: F64
-    mouth_width: float
-    chin: F64
-    eyes: tuple[tuple[F64, float], ...]
-
-    @classmethod
-    def of(cls, points: F64) -> FaceFrame:
-        """From points (20, 3)."""
-        at = dict(zip(FEATURE_POINT_NAMES, points, strict=True))
-        across = (
-            at["mouth_corner_left"] - at["mouth_corner_right"] + at["eye_left_outer"] - at["eye_right_outer"]
-        )
-        lips = (at["upper_lip_inner"] + at["lower_lip_inner"]) / 2
-        forward = np.cross(across, at["nose_bridge"] - at["chin"])
-        axes = np.stack([across, np.cross(forward, across), forward])
-        axes /= np.linalg.norm(axes, axis=1, keepdims=True).clip(1e-300)
-        width = float(np.linalg.norm(at["mouth_corner_left"] - at["mouth_corner_right"]))
-        corners = [(at[f"eye_{side}_outer"], at[f"eye_{side}_inner"]) for side in ("right", "left")]
-        eyes = tuple(((one + other) / 2, float(np.linalg.norm(one - other))) for one, other in corners)
-        return cls(axes, lips, width, at["chin"], eyes)
-
-    def in_mouth(self, place: F64) -> bool:
-        """Whether a place (3,) lies behind the lips."""
-        side, up, forward = (place - self.mouth) @ self.axes.T / self.mouth_width
-        wide, high, deep = PART_LIMITS.mouth_widths
-        return bool(abs(side) < wide and abs(up) < high and -deep < forward < 0)
-
-    def in_upper_jaw(self, place: F64) -> bool:
-        """Whether a place (3,) in the mouth lies above the line of the lips."""
-        return bool((place - self.mouth) @ self.axes[1] > PART_LIMITS.upper_jaw_widths * self.mouth_width)
-
-    def at_eye(self, place: F64) -> bool:
-        """Whether a place (3,) is that of an eyeball."""
-        return any(
-            np.linalg.norm(((place - middle) @ self.axes.T)[:2]) < PART_LIMITS.eye_widths * width
-            for middle, width in self.eyes
-        )
-
-
 def submesh(mesh: Mesh, kept: Bool) -> Mesh:
-    """The mesh of the vertices in `kept` (N,), in their order; components must be kept or dropped as a whole."""
+    """The mesh of the vertices in `kept` (N,), in their order."""
     if kept.all():
         return mesh
     number = np.cumsum(kept) - 1
-    faces = (number[part[kept[part[:, 0]]]] for part in (mesh.triangles, mesh.quads))
+    faces = (number[part[kept[part].all(1)]] for part in (mesh.triangles, mesh.quads))
     return Mesh(mesh.vertices[kept], *faces)
 
 
@@ -111,7 +66,8 @@ class PartMotion:
 
     Parameters
     ----------
-    mesh : neutral.   skin : (N,) bool.   still : the other parts stay where they are.
+    mesh : neutral; where it does not say the kinds of its parts, their places in the face do.   skin : (N,) bool.
+    still : the other parts stay where they are.
     matched : (N,) bool, vertices of parts that have a counterpart on a part of the source.
     face : of the mesh, if it is known; without it all parts follow the skin.
     """
@@ -124,17 +80,23 @@ class PartMotion:
         self._still = still or bool(skin.all())
         if self._still:
             return
+        if mesh.kinds is None and face is not None:
+            mesh = kinds_by_place(mesh, face, skin)
         border = borders(mesh.faces, len(mesh.vertices))
-        kinds = _kinds(mesh, skin, border, matched, face)
-        self._matched, self._lower, self._solid = kinds["matched"], kinds["lower jaw"], kinds["solid"]
-        self._cards = np.concatenate([np.empty(0, np.intp), *kinds["cards"]])
-        held = np.concatenate([np.empty(0, np.intp), *(part[border[part]] for part in kinds["shells"])])
-        on_skin = mesh.faces[skin[mesh.faces[:, 0]]]
+        parts = _parts_by_rule(mesh, skin, border, matched)
+        self._lower, self._solid, self._between = (parts[rule] for rule in ("lower jaw", "solid", "between"))
+        self._matched = [
+            _MatchedPart(mesh, part, matched) for part in parts["matched"] if matched is not None
+        ]
+        self._cards = np.concatenate([np.empty(0, np.intp), *parts["cards"]])
+        held = np.concatenate([np.empty(0, np.intp), *(part[border[part]] for part in parts["shells"])])
+        on_skin = mesh.faces[skin[mesh.faces].all(1)]
         self._guided = np.concatenate([self._cards, held])
         self._under, self._shares = self._beneath(on_skin)
-        self._shells = [_ShellFill(mesh, part, border) for part in kinds["shells"]]
+        self._shells = [_ShellFill(mesh, part, border) for part in parts["shells"]]
         self._around = np.array([self._surroundings(part) for part in self._solid], np.intp)
         self._chin = None if face is None else self._chin_skin(face)
+        self._face = face
 
     def __call__(self, skin: F64, way: F64) -> F64:
         """All vertices (N, 3), given those of the skin (n, 3), and what the source does (N, 3), for matched parts."""
@@ -151,21 +113,23 @@ class PartMotion:
             out[self._guided] = self._vertices[self._guided] + shift
         for shell in self._shells:
             out[shell.rows] = shell(out, self._vertices)
-        if self._lower and self._chin is not None:
-            turn, shift = self._jaw(out)
+        if (self._lower or self._between) and self._face is not None:
+            jaw = self._jaw(out)
             for part in self._lower:
-                out[part] = apply_rigid(self._vertices[part], turn, shift)
+                out[part] = apply_rigid(self._vertices[part], *jaw)
+            for part in self._between:
+                rest = self._vertices[part]
+                out[part] = rest + self._face.lower_share(rest)[:, None] * (apply_rigid(rest, *jaw) - rest)
         if self._solid:
             for part, turn, shift in zip(self._solid, *self._motions(out), strict=True):
                 out[part] = apply_rigid(self._vertices[part], turn, shift)
-        for part in self._matched:
-            before = self._vertices[part]
-            turn, shift = align_rigid_robust(before, before + source[part], np.ones(len(part)))
-            out[part] = apply_rigid(before, turn, shift)
+        for matched in self._matched:
+            out[matched.rows] = matched(source)
         return out
 
     def _jaw(self, made: F64) -> tuple[F64, F64]:
         """R (3, 3), t (3,) of the lower jaw when the vertices are at `made` (N, 3)."""
+        assert self._chin is not None
         turn, shift = _rigid_share(
             self._vertices[self._chin][None],
             made[self._chin][None],
@@ -221,9 +185,7 @@ class _ShellFill:
     """The inside of a shell, whose border the lids hold."""
 
     def __init__(self, mesh: Mesh, part: Int, border: Bool) -> None:
-        chosen = np.zeros(len(mesh.vertices), bool)
-        chosen[part] = True
-        own = submesh(mesh, chosen)
+        own = submesh(mesh, _among(part, len(mesh.vertices)))
         reach = 100 * float(np.ptp(own.vertices, axis=0).max())
         self.rows, self._fill = part, TensionFill(own.vertices, own.rings, border[part], reach)
 
@@ -232,40 +194,69 @@ class _ShellFill:
         return np.asarray(rest[self.rows] + self._fill((made - rest)[self.rows]))
 
 
-def _kinds(
-    mesh: Mesh, skin: Bool, border: Bool, matched: Bool | None, face: FaceFrame | None
-) -> dict[str, list[Int]]:
+class _MatchedPart:
+    """A part that moves as the source's: rigidly, and if it is soft and the source's bends, as it bends.
+
+    matched : (N,) which vertices have a counterpart.
+    """
+
+    def __init__(self, mesh: Mesh, part: Int, matched: Bool) -> None:
+        self.rows, self._rest, self._found = part, mesh.vertices[part], matched[part]
+        kind = None if mesh.kinds is None else KINDS[mesh.kinds[part[0]]]
+        self._fill = None
+        if kind not in TEETH:
+            own = submesh(mesh, _among(part, len(matched)))
+            reach = PART_LIMITS.fade_share * float(np.ptp(own.vertices, axis=0).max())
+            self._fill = TensionFill(own.vertices, own.rings, self._found, reach)
+
+    def __call__(self, source: F64) -> F64:
+        """Its vertices (n, 3), when the counterparts of all (N, 3) move by `source`."""
+        way = source[self.rows]
+        found = self._found.astype(np.float64)
+        moved = apply_rigid(self._rest, *align_rigid_robust(self._rest, self._rest + way, found))
+        if self._fill is None:
+            return moved
+        bent = self._rest + way - moved
+        size = float((found * np.linalg.norm(way, axis=1)).sum())
+        residual = float((found * np.linalg.norm(bent, axis=1)).sum()) / max(size, 1e-300)
+        none, full = PART_LIMITS.bending_residuals
+        share = float(np.clip((residual - none) / (full - none), 0, 1))
+        return moved + share * self._fill(bent) if share > 0 else moved
+
+
+def _among(part: Int, count: int) -> Bool:
+    """(count,) which are of a part (n,)."""
+    chosen = np.zeros(count, bool)
+    chosen[part] = True
+    return chosen
+
+
+def _parts_by_rule(mesh: Mesh, skin: Bool, border: Bool, matched: Bool | None) -> dict[str, list[Int]]:
     """The parts by what moves them; "still" ones stay."""
-    kinds: dict[str, list[Int]] = {
-        name: [] for name in ("matched", "cards", "shells", "lower jaw", "solid", "still")
+    parts: dict[str, list[Int]] = {
+        name: [] for name in ("matched", "cards", "shells", "lower jaw", "between", "solid", "still")
     }
-    for label in np.unique(mesh.components[~skin]):
-        part = np.flatnonzero(mesh.components == label)
-        kinds[_kind(mesh.vertices, part, border, matched, face)].append(part)
-    return kinds
+    for component in components_of(mesh):
+        part = component[~skin[component]]
+        if len(part):
+            kind: Kind = KINDS[0 if mesh.kinds is None else mesh.kinds[part[0]]]
+            found = matched is not None and matched[part].mean() >= PART_LIMITS.min_matched_share
+            cards = border[part].mean() >= PART_LIMITS.min_border_share
+            parts[_rule(kind, found=bool(found), cards=bool(cards))].append(part)
+    return parts
 
 
-def _kind(vertices: F64, part: Int, border: Bool, matched: Bool | None, face: FaceFrame | None) -> str:
-    if matched is not None and matched[part].mean() >= PART_LIMITS.min_matched_share:
+def _rule(kind: Kind, *, found: bool, cards: bool) -> str:
+    """What moves a part of a kind.   found : on the source.   cards : whether it consists of them."""
+    if found and kind in (*CORRESPONDING, "eyeball"):
         return "matched"
-    middle = (vertices[part].min(0) + vertices[part].max(0)) / 2
-    if face is not None and face.in_mouth(middle):
-        return "still" if face.in_upper_jaw(middle) else "lower jaw"
-    if border[part].mean() >= PART_LIMITS.min_border_share:
-        return "cards"
-    if face is None or not face.at_eye(middle):
-        return "solid"
-    return "shells" if _is_shell(vertices, part, border, face) else "still"
-
-
-def _is_shell(vertices: F64, part: Int, border: Bool, face: FaceFrame) -> bool:
-    """Whether the border of a part at an eye lies along its lids: in front, within their corners' depth."""
-    rim = part[border[part]]
-    if not len(rim):
-        return False
-    middle, width = min(face.eyes, key=lambda eye: float(np.linalg.norm(vertices[rim].mean(0) - eye[0])))
-    depth = np.abs((vertices[rim] - middle) @ face.axes[2])
-    return bool(np.median(depth) < PART_LIMITS.lid_widths * width)
+    if kind == "other":
+        return "cards" if cards else "solid"
+    rules: dict[Kind, str] = {
+        "eye shell": "shells", "lashes": "cards", "brows": "cards", "lower teeth": "lower jaw",
+        "tongue": "lower jaw", "gums and cavity": "between",
+    }  # fmt: skip
+    return rules.get(kind, "still")
 
 
 def _rigid_share(before: F64, after: F64, full: float, none: float) -> tuple[F64, F64]:

@@ -2,14 +2,16 @@
 
 The heads are aligned by a similarity (`guise.aam.similarity.align`) of given points; without points they must be
 roughly aligned already.  Iterative closest points refine the alignment, then the source is deformed
-(`guise.analogy.deform`).  Only the skin takes part, that is, the large components of the meshes.  Eyes, teeth and other
-small parts follow the nearest skin by a similarity, so that they keep their shape and no skin sticks to them.
+(`guise.analogy.deform`).  Only the skin takes part: what the meshes say is skin (`guise.analogy.anatomy`), or else
+their large components.  Eyes, teeth and other parts follow the nearest skin by a similarity, so that they keep their
+shape and no skin sticks to them.
 
 Lengths are in the unit of the target.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,6 +19,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from guise.aam.similarity import Failed, Similarity, align
+from guise.analogy.anatomy import CORRESPONDING, KINDS, MOUTH, SKIN, kind_mask
+from guise.analogy.carriers import components_of
 from guise.analogy.correspondence import Correspondence
 from guise.analogy.deform import DEFORMATION, PointConstraints, deform
 from guise.analogy.geometry import Surface, SurfacePoints, edge_lengths, face_normals, vertex_normals
@@ -154,16 +158,15 @@ def closest_point_correspondence(fitted: Mesh, target: Mesh) -> Correspondence:
     corners = np.zeros((len(target.vertices), 3), np.intp)
     weights = np.zeros((len(target.vertices), 3))
     found = np.zeros(len(target.vertices), bool)
-    own, other = skin_mask(fitted), skin_mask(target)
-    for kind in (True, False):
-        at = np.flatnonzero(other == kind)
-        faces = _faces_of(fitted, own == kind)
+    skin = skin_mask(fitted)
+    for at, own in _alike(fitted, target):
+        faces = _faces_of(fitted, own)
         alike = len(faces) > 0
         if not len(at):
             continue
         surface = Surface(
             fitted.vertices,
-            faces if alike else _faces_of(fitted, own),
+            faces if alike else _faces_of(fitted, skin),
             DEFORMATION.normal_weight_sizes * size,
         )
         places, matched, _ = find_counterparts(surface, target.vertices[at], normals[at], size)
@@ -172,8 +175,31 @@ def closest_point_correspondence(fitted: Mesh, target: Mesh) -> Correspondence:
     return Correspondence(corners, weights, found)
 
 
+def _alike(source: Mesh, target: Mesh) -> Iterator[tuple[Int, Bool]]:
+    """Vertices (n,) of the target, and those (N_s,) of the source that they may correspond to, of the same kinds.
+
+    What lies in a mouth may be in one piece on one head and in several on the other.
+    """
+    own, other = skin_mask(source), skin_mask(target)
+    yield np.flatnonzero(other), own
+    if source.kinds is None or target.kinds is None:
+        yield np.flatnonzero(~other), ~own
+        return
+    for code in np.unique(target.kinds[~other]):
+        kind = KINDS[code]
+        same = kind_mask(source, (kind,) if kind in CORRESPONDING else ())
+        if kind in MOUTH and (kind == "gums and cavity" or not same.any()):
+            same = kind_mask(source, MOUTH)
+        yield np.flatnonzero(target.kinds == code), same
+
+
 def skin_mask(mesh: Mesh) -> Bool:
-    """(N,) whether a vertex belongs to a component with at least a quarter of the area of the largest one."""
+    """(N,) whether a vertex is skin; where the mesh says nothing, whether its component is large.
+
+    That is, has at least a quarter of the area of the largest one.
+    """
+    if mesh.kinds is not None:
+        return kind_mask(mesh, SKIN)
     double = np.linalg.norm(face_normals(mesh.vertices, mesh.faces), axis=1)
     areas = np.bincount(mesh.components[mesh.faces[:, 0]], double)
     return np.asarray((areas >= REGISTRATION.min_skin_area_share * areas.max())[mesh.components])
@@ -211,8 +237,8 @@ def find_counterparts(
 
 
 def _faces_of(mesh: Mesh, chosen: Bool) -> Int:
-    """The faces (m, 3) of chosen vertices (N,); components are chosen as a whole."""
-    return np.asarray(mesh.faces[chosen[mesh.faces[:, 0]]])
+    """The faces (m, 3) of chosen vertices (N,)."""
+    return np.asarray(mesh.faces[chosen[mesh.faces].all(1)])
 
 
 def _skin_surface(mesh: Mesh) -> tuple[Surface, float]:
@@ -332,8 +358,10 @@ def _move_small_parts(fitted: F64, rest: F64, mesh: Mesh, skin: Int) -> None:
     inside = np.zeros(len(rest), bool)
     inside[skin] = True
     tree = cKDTree(rest[skin]) if not inside.all() else None
-    for label in np.unique(mesh.components[~inside]):
-        part = np.flatnonzero(mesh.components == label)
+    for component in components_of(mesh):
+        part = component[~inside[component]]
+        if not len(part):
+            continue
         assert tree is not None
         near = np.unique(tree.query(rest[part], k=max(1, REGISTRATION.part_neighbours // len(part)))[1])
         near = skin[near]

@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from guise.aam.similarity import Failed, Similarity, align
+from guise.analogy.anatomy import STILL, FaceFrame, kind_mask, name_components, with_components
 from guise.analogy.baselines import ExpressionCloning, GradientTransfer
 from guise.analogy.correspondence import Correspondence
 from guise.analogy.feature_points import FeaturePointsError, find_feature_points
@@ -22,7 +23,7 @@ from guise.analogy.filling import TensionFill
 from guise.analogy.geometry import vertex_areas
 from guise.analogy.lids import FacePair, LidMotion, motion_ratios
 from guise.analogy.mesh import Mesh, MeshError
-from guise.analogy.parts import FaceFrame, PartMotion, submesh
+from guise.analogy.parts import PartMotion, submesh
 from guise.analogy.registration import register, skin_mask
 from guise.analogy.rigid import align_rigid_robust
 from guise.analogy.slit_skin import SlitSkin
@@ -112,6 +113,7 @@ class Transfer:
         matched = correspondence.found & ~skin_mask(source)[correspondence.corners].any(1)
         frame = FaceFrame.of(face.points[1]) if face else None
         self._parts = PartMotion(target, on_skin, keep_rigid, matched, frame)
+        self._unmoved = _apart_from_head(target)
         self._sample = _subsample(np.flatnonzero(skin_mask(source)))
 
     def __call__(self, expressive: F64) -> F64:
@@ -143,7 +145,9 @@ class Transfer:
     def _whole(self, motion: Similarity, still: F64, way: F64, skin: F64) -> F64:
         """The target (N_t, 3) by its skin (n, 3), for a source (N_s, 3) moved by ways (N_s, 3) and then as a whole."""
         made = self._parts(self._in_order(still, self._bounded(skin, way)), self._all @ way)
-        return (self.pose @ motion @ self.pose.inverse()).apply(made)
+        done = (self.pose @ motion @ self.pose.inverse()).apply(made)
+        done[self._unmoved] = self.target.vertices[self._unmoved]
+        return done
 
     def _bounded(self, skin: F64, way: F64) -> F64:
         """The skin (n, 3), no vertex much farther from rest than the longest way (N_s, 3) of the source's."""
@@ -192,6 +196,10 @@ def prepare_transfer(
     face, trust = None, None
     if points is None:
         points = _feature_points(source, "source"), _feature_points(target, "target")
+        source, target = (
+            mesh if mesh.kinds is not None else with_components(mesh, name_components(mesh, own), own)
+            for mesh, own in zip((source, target), points, strict=True)
+        )
         face = FacePair.of(source, target, points)
         points, trust = face.with_margins(source, target), face.trust
     link = register(source, target, points, trust).correspondence()
@@ -261,6 +269,14 @@ def _rms_radius(vertices: F64, weights: F64) -> float:
     """Root mean square distance from the centroid."""
     share = weights / weights.sum()
     return float(np.sqrt(share @ np.square(vertices - share @ vertices).sum(1)))
+
+
+def _apart_from_head(mesh: Mesh) -> Int:
+    """Vertices (n,) of clothes and of a body that is not of one piece with the head: they stay when the head turns."""
+    if mesh.kinds is None:
+        return np.empty(0, np.intp)
+    joined = np.unique(mesh.components[skin_mask(mesh)])
+    return np.flatnonzero(kind_mask(mesh, STILL) & ~np.isin(mesh.components, joined))
 
 
 def _subsample(vertices: Int) -> Int:

@@ -89,7 +89,9 @@ def heads(folder: Path) -> None:
     faces = [rig.shapes[rig.names.index(name)] for name in SHOWN]
     draw_report_picture(pair, faces, [pair.transfer(face) for face in faces], SHOWN, work)
     register_files(source, target, folder / "fitted.obj", None, _work(folder / "mesh-chessboard.png"))
-    write_feature_points(source, folder / "points.json", None, None, _work(folder / "mesh-landmarks.png"))
+    write_feature_points(
+        source, folder / "points.json", None, None, None, _work(folder / "mesh-landmarks.png")
+    )
     preview_files(source, HEADS / "mean_smile.obj", folder / "mesh-preview.png", _work(None))
     for path in sorted(folder.glob("mesh*.png")):
         picture = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)

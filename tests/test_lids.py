@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from guise.analogy.anatomy import FaceFrame
 from guise.analogy.correspondence import Correspondence
 from guise.analogy.feature_points import FEATURE_POINT_NAMES
 from guise.analogy.geometry import Surface
 from guise.analogy.lids import FacePair, LidMotion, Lids, find_lids, motion_ratios
 from guise.analogy.mesh import Mesh
-from guise.analogy.parts import FaceFrame
 from guise.analogy.transfer import Method, Transfer
 from guise.common.arrays import F64, Int
 

@@ -96,6 +96,20 @@ def document_materials(held: Document, folder: Path) -> tuple[list[Material], In
     return [Material(picture=picture)], np.zeros(len(held.polygons.sizes), np.intp)
 
 
+def document_names(held: Document) -> tuple[list[str], Int]:
+    """What a document calls its parts, by object or node, group and material, and (n,) the index for each vertex."""
+    if isinstance(held, GltfDocument):
+        return held.part_names()
+    if not isinstance(held, ObjDocument):
+        return [""], np.zeros(len(held.vertices), np.intp)
+    known = held.part_ids()
+    keys, ids = np.unique(np.stack([ids for _, ids in known], axis=1), axis=0, return_inverse=True)
+    said = [[names[k] for (names, _), k in zip(known, key, strict=True)] for key in keys.tolist()]
+    of_vertices = np.zeros(len(held.vertices), np.intp)
+    of_vertices[held.polygons.corners] = np.repeat(ids.ravel(), held.polygons.sizes)
+    return [" / ".join(filter(None, dict.fromkeys(names))) for names in said], of_vertices
+
+
 def companion_files(held: Document, folder: Path) -> list[Path]:
     """The material files and textures in `folder` that a document names."""
     named: list[Path] = []

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TypeVar
@@ -21,6 +21,7 @@ from guise.analogy.formats.documents import (
     Document,
     companion_files,
     document_materials,
+    document_names,
     read_document,
     read_positions,
 )
@@ -66,6 +67,16 @@ class MeshFile:
                 f"{self.path} has several morph targets of one name ({names}): all but the first are numbered"
             )
         return found
+
+    @property
+    def part_names(self) -> list[str]:
+        """What the file calls the part of each vertex (N) of the clean mesh; "" where it says nothing."""
+        names, ids = _with_file_name(self.path, document_names, self.document)
+        return [names[k] for k in ids[self.cleaned.kept]]
+
+    def with_mesh(self, mesh: Mesh) -> MeshFile:
+        """The file with more said about its clean mesh."""
+        return replace(self, cleaned=replace(self.cleaned, mesh=mesh))
 
     def write(self, path: Path, vertices: F64) -> None:
         """Write the file with the vertices (N, 3) of the clean mesh to `path`, in the same format.

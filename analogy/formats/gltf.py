@@ -142,6 +142,28 @@ class GltfDocument:
             np.arange(len(self.parts)), [part.rows.stop - part.rows.start for part in self.parts]
         )
 
+    def part_names(self) -> tuple[list[str], Int]:
+        """The names of node, mesh and material of each primitive, and (n,) the index for each vertex."""
+        names: list[str] = []
+        found = np.zeros(len(self.vertices), np.intp)
+        materials = self.container.json.get("materials", [])
+        for part in self.parts:
+            node, mesh = self.container.json["nodes"][part.node], self.container.json["meshes"][part.mesh]
+            for primitive in part.primitives:
+                material = materials[primitive["material"]] if "material" in primitive else {}
+                said = [str(held.get("name", "")) for held in (node, mesh, material)]
+                found[part.rows][self._local_faces(part, primitive)] = len(names)
+                names.append(" / ".join(filter(None, dict.fromkeys(said))))
+        return names, found
+
+    def _local_faces(self, part: GltfPart, primitive: Json) -> Int:
+        """The faces (m, 3) of a primitive, by vertices of its part."""
+        count = part.rows.stop - part.rows.start
+        held = (
+            self.container.read_accessor(primitive["indices"]) if "indices" in primitive else np.arange(count)
+        )
+        return np.asarray(held.astype(np.intp).reshape(-1, 3))
+
     @cached_property
     def colours(self) -> F64 | None:
         """(n, 3) from 0 to 1, linear; 0 for parts without colours."""
@@ -201,12 +223,7 @@ class GltfDocument:
         for part in self.parts:
             count = part.rows.stop - part.rows.start
             for primitive in part.primitives:
-                held = (
-                    self.container.read_accessor(primitive["indices"])
-                    if "indices" in primitive
-                    else np.arange(count)
-                )
-                faces = held.astype(np.intp).reshape(-1, 3)
+                faces = self._local_faces(part, primitive)
                 if faces.size and faces.max() >= count:
                     raise MeshError(f"a face names vertex {faces.max()}, but its part has {count}")
                 mirrored = np.linalg.det(part.matrix[:3, :3]) < 0

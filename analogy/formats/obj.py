@@ -18,7 +18,7 @@ from guise.analogy.mesh import MeshError, printable_excerpt
 from guise.analogy.normals import finite_or_zero
 from guise.common.arrays import F64, Int
 
-LINE_KEYWORDS = (b"v", b"vn", b"vt", b"f", b"us", b"mt")  # the last two by their beginnings
+LINE_KEYWORDS = (b"v", b"vn", b"vt", b"f", b"o", b"g", b"us", b"mt")  # the last two by their beginnings
 MAX_INDEX = 1 << 40  # larger than any vertex id
 SPACES = (ord(" "), ord("\t"))
 _NO_KEYWORD = bytes.maketrans(b"vntf", b"    ")
@@ -75,7 +75,14 @@ class ObjDocument:
 
     def material_ids(self) -> tuple[list[str], Int]:
         """The names of `usemtl` lines ("" before the first), and (p,) the index for each polygon."""
-        changes = self._lines_of(b"usemtl")
+        return self._ids_by(self._lines_of(b"usemtl"))
+
+    def part_ids(self) -> list[tuple[list[str], Int]]:
+        """The names of objects, of groups and of materials, each with (p,) the index for each polygon."""
+        return [self._ids_by(self._where[b"o"]), self._ids_by(self._where[b"g"]), self.material_ids()]
+
+    def _ids_by(self, changes: list[int]) -> tuple[list[str], Int]:
+        """The names in some lines ("" before the first), and (p,) the index of the last before each polygon."""
         called = [_rest(self.lines[i]) for i in changes]
         names = list(dict.fromkeys(["", *called]))
         ids = np.array([0, *(names.index(name) for name in called)], np.intp)

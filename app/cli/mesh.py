@@ -208,6 +208,13 @@ def landmarks(
     template_landmarks: Annotated[
         str, typer.Option(metavar="FILE|auto", help="The points of --template.")
     ] = "auto",
+    parts_out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT.toml",
+            help="Also write what the parts of the head are, for `--parts` of the other commands.",
+        ),
+    ] = None,
     picture: Annotated[
         Path | None, typer.Option(metavar="OUT.png", help="Also draw the points on the head.")
     ] = None,
@@ -219,7 +226,7 @@ def landmarks(
 
     like = None if template is None else (template, template_landmarks)
     _run(
-        lambda context: write_feature_points(head, output, edit, like, context),
+        lambda context: write_feature_points(head, output, edit, like, parts_out, context),
         console,
         Extra(picture, force=force),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from guise.common.option import option
@@ -27,5 +28,10 @@ class TransferOptions:
         None,
         "Feature points of both heads, as written by `landmarks`; `auto` detects them.",
         metavar="SOURCE.json TARGET.json",
+    )
+    parts: Path | None = option(
+        None,
+        "What the parts of TARGET are, as `landmarks --parts-out` writes it; you may change its kinds.",
+        metavar="PARTS.toml",
     )
     keep_rigid: bool = option(False, "Keep eyes, teeth and other parts of the target in place.")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from guise.analogy.tents import vertex_error
 from guise.analogy.transfer import Transfer
 from guise.app.meshes.context import RunContext
 from guise.app.meshes.options import TransferOptions
+from guise.app.meshes.parts import NamedPart, name_parts
 from guise.app.meshes.points import AUTO, feature_points_of
 from guise.common.arrays import F64
 
@@ -31,10 +32,10 @@ MATCHING, PREPARING = "matching", "preparing"
 
 @dataclass(frozen=True, eq=False)
 class MatchedPair:
-    """Matched heads.
+    """Matched heads, whose meshes say what their parts are.
 
     points : feature points of both, None if none were needed.   facts : method and quality of the match, for reports.
-    face : of both, None where none was seen.
+    face : of both, None where none was seen.   parts : of the target; none where no face was seen.
     """
 
     source: MeshFile
@@ -43,6 +44,7 @@ class MatchedPair:
     correspondence: Correspondence
     facts: Mapping[str, Any]
     face: FacePair | None
+    parts: tuple[NamedPart, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,38 +71,45 @@ def prepare_pair(
     ------
     MeshError, FeaturePointsError, SolverError
     """
-    pair = match_heads(source, target, options.landmarks, options.correspondence, context)
+    pair = match_heads(source, target, options, context)
     with context.stage(PREPARING):
-        made = Transfer(
-            source.mesh, target.mesh, pair.correspondence, options.method, options.keep_rigid, pair.face
-        )
+        meshes = pair.source.mesh, pair.target.mesh
+        made = Transfer(*meshes, pair.correspondence, options.method, options.keep_rigid, pair.face)
     return TransferPair(pair, made)
 
 
 def match_heads(
-    source: MeshFile, target: MeshFile, landmarks: tuple[str, str] | None, kind: str, context: RunContext
+    source: MeshFile, target: MeshFile, options: TransferOptions, context: RunContext
 ) -> MatchedPair:
-    """Match two heads: vertex to vertex if their faces are the same, otherwise by the method `kind`."""
+    """Match two heads: vertex to vertex if their faces are the same, otherwise by the method of the options."""
+    kind, landmarks = options.correspondence, options.landmarks
     if kind == "dense" and landmarks is None and have_same_faces(source.mesh, target.mesh):
-        link = Correspondence.identity(len(target.mesh.vertices))
-        facts = {"kind": "vertex to vertex", "found": 1.0}
-        return MatchedPair(source, target, None, link, facts, _face_by_vertices(source.mesh, target.mesh))
+        return _matched_by_vertices(source, target, options)
     points = feature_points_of_both(source, target, landmarks, context)
     with context.stage(MATCHING):
-        positions = points[0].positions, points[1].positions
+        source, _ = name_parts(source, points[0])
+        target, parts = name_parts(target, points[1], options.parts)
         placed = landmarks is not None and set(landmarks) != {AUTO}
+        positions = points[0].positions, points[1].positions
         face = FacePair.of(source.mesh, target.mesh, positions, placed=placed)
         link, quality = _match(source.mesh, target.mesh, face, kind)
     facts = {"kind": kind, "found": round(float(link.found.mean()), 4), **quality}
-    return MatchedPair(source, target, points, link, facts, face)
+    return MatchedPair(source, target, points, link, facts, face, parts)
 
 
-def _face_by_vertices(source: Mesh, target: Mesh) -> FacePair | None:
-    """The face of heads with the same faces; None where none is seen."""
-    found = find_feature_points(source)
+def _matched_by_vertices(source: MeshFile, target: MeshFile, options: TransferOptions) -> MatchedPair:
+    """Heads with the same faces; without a face, what is skin is judged by size."""
+    link = Correspondence.identity(len(target.mesh.vertices))
+    facts = {"kind": "vertex to vertex", "found": 1.0}
+    found = find_feature_points(source.mesh)
     if isinstance(found, Failed):
-        return None
-    return FacePair.of(source, target, (source.vertices[found.vertices], target.vertices[found.vertices]))
+        return MatchedPair(source, target, None, link, facts, None, ())
+    places = target.mesh.vertices[found.vertices]
+    source, _ = name_parts(source, found)
+    target, parts = name_parts(target, replace(found, positions=places), options.parts)
+    positions = source.mesh.vertices[found.vertices], places
+    face = FacePair.of(source.mesh, target.mesh, positions)
+    return MatchedPair(source, target, None, link, facts, face, parts)
 
 
 def feature_points_of_both(

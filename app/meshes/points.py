@@ -16,6 +16,7 @@ from guise.analogy.formats.files import MeshFile
 from guise.analogy.mesh import Mesh, MeshError
 from guise.app.media.pictures import save_picture
 from guise.app.meshes.context import RunContext
+from guise.app.meshes.parts import name_parts, parts_toml
 from guise.app.meshes.pictures import draw_feature_points as drawn
 from guise.app.meshes.reports import LandmarksReport
 from guise.common.files import fitting_name, require_outputs, write_whole
@@ -43,11 +44,17 @@ def feature_points_of(head: MeshFile, given: str = AUTO) -> FeaturePoints:
 
 
 def write_feature_points(
-    path: Path, output: Path | None, edit: Path | None, template: tuple[Path, str] | None, context: RunContext
+    path: Path,
+    output: Path | None,
+    edit: Path | None,
+    template: tuple[Path, str] | None,
+    parts_file: Path | None,
+    context: RunContext,
 ) -> LandmarksReport:
     """Write the feature points of a head: detected, corrected by a file, or refined.
 
     template : a head and the file of its points or "auto"; points that match those are searched.
+    parts_file : where what its parts are is written, too.
 
     Raises
     ------
@@ -55,19 +62,26 @@ def write_feature_points(
     """
     output = output or path.with_name(fitting_name(path.stem, ".landmarks.json"))
     like = () if template is None else (template[0],)
-    require_outputs([output, context.picture], [path, *filter(None, [edit]), *like], force=context.force)
+    require_outputs(
+        [output, parts_file, context.picture], [path, *filter(None, [edit]), *like], force=context.force
+    )
     with context.stage("reading"):
         head = context.read(path)
     with context.stage("landmarks"):
         points = _find_or_load(head, edit)
         if template is not None:
             points = _refine_by_template(head, points, context.read(template[0]), template[1])
+    parts = name_parts(head, points)[1]
     write_whole(output, points.save)
+    if parts_file is not None:
+        write_whole(parts_file, parts_toml(path, parts))
     if context.picture is not None:
         with context.stage("drawing"):
             save_picture(context.picture, drawn(head.mesh, points.positions))
     confidence = dict(zip(FEATURE_POINT_NAMES, points.confidence.round(3).tolist(), strict=True))
-    return LandmarksReport(path, output, points.as_json(), confidence, context.picture, context.seconds)
+    return LandmarksReport(
+        path, output, points.as_json(), confidence, parts, parts_file, context.picture, context.seconds
+    )
 
 
 def _find_or_load(head: MeshFile, edit: Path | None) -> FeaturePoints:

@@ -12,6 +12,7 @@ from guise.app.media.pictures import save_picture
 from guise.app.meshes import pictures
 from guise.app.meshes.context import RunContext
 from guise.app.meshes.pair import MATCHING, feature_points_of_both
+from guise.app.meshes.parts import name_parts
 from guise.app.meshes.reports import RegisterReport, versions
 from guise.common.errors import OutputError
 from guise.common.files import fitting_name, require_outputs, write_arrays
@@ -36,6 +37,7 @@ def register_files(
         own, other = context.read(template), context.read(target)
     points = feature_points_of_both(own, other, landmarks, context)
     with context.stage(MATCHING):
+        own, other = (name_parts(head, found)[0] for head, found in zip((own, other), points, strict=True))
         done = register(own.mesh, other.mesh, (points[0].positions, points[1].positions))
         link = done.correspondence()
     with context.stage("writing"):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from guise.analogy.solver import solver_name
+from guise.app.meshes.parts import NamedPart, parts_line
 from guise.common.arrays import F64
 from guise.common.report import Report
 from guise.common.text import counted
@@ -80,7 +81,7 @@ class TransferReport(MeshReport):
     Parameters
     ----------
     source, target, output : files or folders.   method : tents, gradients or cloning.
-    correspondence : method and quality of the match.
+    correspondence : method and quality of the match.   parts : of the target.
     kind : expression, morph target or frame.   expressions : one entry each.
     skipped : frames of a sequence that existed already.
     seconds : by stage.   picture : if one was drawn.   versions : of Guise and the solver.
@@ -97,6 +98,7 @@ class TransferReport(MeshReport):
     seconds: Mapping[str, float]
     picture: Path | None
     versions: Mapping[str, str]
+    parts: tuple[NamedPart, ...] = ()
 
     def lines(self) -> list[str]:
         count, known = len(self.expressions), self.correspondence
@@ -112,6 +114,7 @@ class TransferReport(MeshReport):
         return [
             f"{self.output}: {counted(count, self.kind)}{skipped}, {sum(self.seconds.values()):.1f} s",
             f"  heads matched: {known['kind']}, {known['found']:.1%} of the target has a counterpart on the source",
+            *([f"  parts of the target: {parts_line(self.parts)}"] if len(self.parts) > 1 else []),
             *([self._speed()] if self.kind == "frame" else each),
             *([f"  picture: {self.picture}"] if self.picture else []),
         ]
@@ -165,12 +168,15 @@ class LandmarksReport(MeshReport):
     """The report of `landmarks`.
 
     points : name -> x, y, z.   confidence : name -> 0..1; 1 for given points.
+    parts : of the head.   parts_file : where they were written.
     """
 
     mesh: Path
     output: Path
     points: Mapping[str, list[float]]
     confidence: Mapping[str, float]
+    parts: tuple[NamedPart, ...]
+    parts_file: Path | None
     picture: Path | None
     seconds: Mapping[str, float]
 
@@ -178,7 +184,9 @@ class LandmarksReport(MeshReport):
         unsure = [name for name, sure in self.confidence.items() if sure < UNSURE_CONFIDENCE]
         doubt = f"; check {', '.join(unsure)}" if unsure else ""
         picture = [f"  picture: {self.picture}"] if self.picture else []
-        return [f"{self.output}: {len(self.points)} feature points{doubt}", *picture]
+        told = f"{self.parts_file}: " if self.parts_file else "parts: "
+        parts = [f"  {told}{parts_line(self.parts)}"] if self.parts_file or len(self.parts) > 1 else []
+        return [f"{self.output}: {len(self.points)} feature points{doubt}", *parts, *picture]
 
 
 @dataclass(frozen=True)

@@ -210,5 +210,5 @@ def make_report(
     """The report; kind : of what was transferred."""
     return TransferReport(
         pair.heads.source.path, pair.heads.target.path, output, options.method, pair.heads.facts, kind,
-        tuple(carried), skipped, context.seconds, context.picture, versions(),
+        tuple(carried), skipped, context.seconds, context.picture, versions(), pair.heads.parts,
     )  # fmt: skip

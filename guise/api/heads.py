@@ -46,11 +46,12 @@ class TransferMeshOptions(RegisterMeshOptions, total=False):
     """How expressions are transferred.
 
     method : vertex "tents", or what they are compared with.   correspondence : how the heads are matched.
-    keep_rigid : keep eyes, teeth and other parts of the target in place.
+    parts : a file of what the parts of the target are.   keep_rigid : keep eyes, teeth and other parts in place.
     """
 
     method: Literal["tents", "gradients", "cloning"]
     correspondence: Literal["dense", "cylinder"]
+    parts: AnyPath | None
     keep_rigid: bool
 
 
@@ -148,18 +149,22 @@ def mesh_landmarks(
     edit: AnyPath | None = None,
     template: AnyPath | None = None,
     template_landmarks: str = "auto",
+    parts_out: AnyPath | None = None,
     **options: Unpack[MeshOptions],
 ) -> LandmarksReport:
     """Find the 20 feature points (MPEG-4) of a head.
 
     output : the file, by default HEAD.landmarks.json.   edit : a file of corrected points.
-    template : a head by whose points, or template_landmarks, they are refined.
+    template : a head by whose points, or template_landmarks, they are refined.   parts_out : what its parts are.
     """
     from guise.app.meshes.points import write_feature_points
 
     like = None if template is None else (Path(template), template_landmarks)
     return _run(
-        lambda work: write_feature_points(Path(head), path_of(output), path_of(edit), like, work), {**options}
+        lambda work: write_feature_points(
+            Path(head), path_of(output), path_of(edit), like, path_of(parts_out), work
+        ),
+        {**options},
     )
 
 
@@ -181,7 +186,9 @@ def _transfer(options: TransferMeshOptions) -> tuple[TransferOptions, dict[str, 
     from guise.app.meshes.options import TransferOptions
 
     left: dict[str, Any] = {**options}
-    names = ("method", "correspondence", "landmarks", "keep_rigid")
+    if left.get("parts") is not None:
+        left["parts"] = Path(left["parts"])
+    names = ("method", "correspondence", "landmarks", "parts", "keep_rigid")
     return TransferOptions(**{name: left.pop(name) for name in names if name in left}), left
 
 
