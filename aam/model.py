@@ -102,6 +102,11 @@ class Identity:
         """Whether the neutral appearance is certainly without expression, as a user chose its frame."""
         return bool(self.facts.get(KNOWN_REST))
 
+    @property
+    def is_of_photo(self) -> bool:
+        """Whether one photo is all that is known of them."""
+        return self.facts.get("frames") == 1
+
     def resting(self, rgb: U8, shape: F64) -> Identity:
         """The same person with the neutral appearance of a picture (h, w, 3) with the face at a shape (81, 2)."""
         texture = sample_texture(rgb, shape, self.reference)

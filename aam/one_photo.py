@@ -2,8 +2,8 @@
 
 A photo shows one expression.  The prior of solid shapes tells the points of the face at rest; what the expression does
 to the skin is that of other people, in the photo's tone, and is taken out of its texture.  The far half of a turned
-face is filled from the near one.  What no photo shows is guessed: teeth and tongue, the face with lids shut, and turned
-views.  Pixels, x right, y down; RGB 0..255.
+face is filled from the near one, and what hair hides from the other half or from other people.  What no photo shows is
+guessed: teeth and tongue, the face with lids shut, and turned views.  Pixels, x right, y down; RGB 0..255.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from guise.aam.tracker import FEATURE_RESOLUTION, cut
 from guise.aam.tracker_training import TrackerOptions, bent, train_tracker
 from guise.aam.training import TrainingError, detailed, feature_mask, observe, parsed_face
 from guise.aam.turned_texture import completed
+from guise.aam.under_hair import hidden_share, uncovered
 from guise.aam.view_textures import changing
 from guise.aam.views import Views
 from guise.common.arrays import F32, F64, U8
@@ -55,24 +56,39 @@ def person_in_photo(rgb: U8, points: F64, name: str, like: Identity) -> Identity
     Raises TrainingError when most of the face lies outside the picture.
     """
     reference, parser, lift = like.reference, FaceParser(), BrowLift()
-    lift.see(parser.parse(rgb, points), points)
+    parsing = parser.parse(rgb, points)
+    lift.see(parsing, points)
     shape = lift(points)
     seen = observe(rgb, shape, reference, parser, keep_picture=True)
     if isinstance(seen, Failed):
         raise TrainingError(f"{name} cannot be learned from this photo: {seen.reason}")
-    mask = learn_mask(seen.texture[None], reference, parsed_face([seen], reference))
+    hidden = hidden_share(parsing, shape, reference)
+    own, usual = (reference.scatter(one) for one in (seen.texture, like.appearance.neutral_texture))
+    seen = replace(seen, texture=uncovered(own, hidden, usual, reference)[reference.mask])
+    parsed = parsed_face([seen], reference)
+    assert parsed is not None
+    mask = learn_mask(seen.texture[None], reference, np.maximum(parsed, hidden))
     components = toned(like, seen.texture)
     shown, still = (
         appearance_vectors(one[None], seen.texture[None], reference)[0] for one in (shape, at_rest(shape))
     )
     neutral = still - _movement(components, (shown - still)[:SHAPE_ENTRIES], reference)
     appearance = AppearanceModel(reference, replace(components, mean=neutral), neutral, mask)
-    appearance, detail = detailed(appearance, [seen])
+    appearance, detail = _kept(*detailed(appearance, [seen]), neutral, hidden)
     facts = {"frames": 1, "views": Views.of([shape]).as_facts(), KNOWN_REST: False}
     made = completed(Identity(name, appearance, like.tracker, detail, _still(rgb, shape), facts))
     seen_texture = made.appearance.neutral[SHAPE_ENTRIES:]
     np.maximum(seen_texture, 0, out=seen_texture)
     return made
+
+
+def _kept(appearance: AppearanceModel, detail: F32, before: F32, hidden: F32) -> tuple[AppearanceModel, F32]:
+    """An appearance and its detail without what was added to a neutral face (n,) where a share (h, w) is hidden."""
+    reference = appearance.reference
+    share = np.concatenate([np.zeros(SHAPE_ENTRIES, np.float32), np.repeat(hidden[reference.mask], 3)])
+    neutral = np.asarray(appearance.neutral + share * (before - appearance.neutral), np.float32)
+    fine = cv2.resize(hidden, detail.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return replace(appearance, neutral=neutral), np.asarray(detail * (1 - fine), np.float32)
 
 
 def _still(rgb: U8, shape: F64) -> RestFrame:

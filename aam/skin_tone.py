@@ -46,6 +46,7 @@ class SkinToneLimits:
     hair_darkness: tuple[float, float] = (0.2, 0.4)  # share darker than skin around: none is hair, all of it
     rim_face_widths: float = 0.15  # from the border, from which on all of the skin is the face's own
     rim_mean_face_widths: float = 0.04  # standard deviation of the means that go over into each other there
+    shade_face_widths: float = 0.1  # standard deviation of the shades that are another's all over the face
     rim_ratio: tuple[float, float] = (0.4, 2.5)  # of a channel
 
 
@@ -53,16 +54,21 @@ LIMITS = SkinToneLimits()
 BLACK = np.float32(4)  # grey levels, added before logarithms and ratios are taken
 
 
-def toned(face: AppearanceModel, person: AppearanceModel, *, rim: F32 | None = None) -> AppearanceModel:
+def toned(
+    face: AppearanceModel, person: AppearanceModel, *, rim: F32 | None = None, shaded: bool = False
+) -> AppearanceModel:
     """A face with a neutral texture fit for a person's contrast and skin tone.
 
     rim : (h, w) share in [0, 1] of bare skin in both, by which the face goes over into theirs at its border; None if
         it does not.
+    shaded : with what is smooth in the person's shades, which one photo alone does not tell from light.
     """
     reference = face.reference
     texture, other = (reference.scatter(one.neutral_texture) for one in (face, person))
     fit = in_tone_of(in_contrast_of(texture, other, reference), other, reference)
     fit = hair_in_light_of(fit, other, reference)
+    if rim is not None and shaded:
+        fit = in_shades_of(fit, other, rim, reference)
     if rim is not None:
         fit = with_rim_of(fit, other, rim, reference)
     return face.with_neutral_texture(fit)
@@ -128,16 +134,32 @@ def with_rim_of(texture: F32, other: F32, bare: F32, reference: ReferenceFrame) 
 
     bare : (h, w) share in [0, 1] by which both have bare skin there.
     """
-    skin = skin_mask(reference)
-    weight = skin * bare
-    sigma = LIMITS.rim_mean_face_widths * reference.resolution
-    means = [local_mean(one, weight, sigma) for one in (texture, other)]
-    seen = weight[skin] / max(float(weight.sum()), 1e-6)
-    tones = [np.exp(seen @ np.log(_over_black(one)[skin])) for one in (texture, other)]
-    ratio = np.clip(means[1] / means[0] * (tones[0] / tones[1]), *LIMITS.rim_ratio)
+    ratio = _ratio(texture, other, bare, LIMITS.rim_mean_face_widths, reference)
     share = ramps(distance_inside(reference), 0.0, LIMITS.rim_face_widths).astype(np.float32)
     share = 1 - share * share * (3 - 2 * share)
     return np.asarray(_over_black(texture) * ratio ** share[..., None] - BLACK, np.float32)
+
+
+def in_shades_of(texture: F32, other: F32, bare: F32, reference: ReferenceFrame) -> F32:
+    """A neutral texture (h, w, 3) with the smooth shades of another: gloss, flush and shadow go on beyond the face.
+
+    bare : (h, w) share in [0, 1] by which both have bare skin there.
+    """
+    ratio = _ratio(texture, other, bare, LIMITS.shade_face_widths, reference)
+    return np.asarray(_over_black(texture) * ratio - BLACK, np.float32)
+
+
+def _ratio(texture: F32, other: F32, bare: F32, face_widths: float, reference: ReferenceFrame) -> F32:
+    """(h, w, 3) smooth shades of another texture over those of one, each against its own tone.
+
+    face_widths : standard deviation of the means.
+    """
+    skin = skin_mask(reference)
+    weight = skin * bare
+    means = [local_mean(one, weight, face_widths * reference.resolution) for one in (texture, other)]
+    seen = weight[skin] / max(float(weight.sum()), 1e-6)
+    tones = [np.exp(seen @ np.log(_over_black(one)[skin])) for one in (texture, other)]
+    return np.asarray(np.clip(means[1] / means[0] * (tones[0] / tones[1]), *LIMITS.rim_ratio), np.float32)
 
 
 def distance_inside(reference: ReferenceFrame) -> F32:

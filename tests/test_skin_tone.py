@@ -11,7 +11,15 @@ from guise.aam.landmarks.schemes import CHIN, LEFT_BROW, LEFT_EYE, LIPS, RIGHT_B
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
-from guise.aam.skin_tone import LIMITS, distance_inside, hair_in_light_of, in_contrast_of, toned, with_rim_of
+from guise.aam.skin_tone import (
+    LIMITS,
+    distance_inside,
+    hair_in_light_of,
+    in_contrast_of,
+    in_shades_of,
+    toned,
+    with_rim_of,
+)
 from guise.common.arrays import F32
 
 SKIN = skin_mask(FRAME)[FRAME.mask]
@@ -90,6 +98,24 @@ def test_at_its_border_a_face_is_the_persons_and_inside_its_own() -> None:
     np.testing.assert_allclose(shaven[jaw], 1, atol=1e-3)
     assert made[jaw & (inside < 0.08)].mean() < 0.95 * made[jaw & (inside > 0.12)].mean()
     np.testing.assert_allclose(made[skin & (inside > LIMITS.rim_face_widths)], 1, atol=1e-3)
+
+
+def test_a_shadow_is_taken_over_and_a_mole_is_not() -> None:
+    frame = ReferenceFrame.canonical(96)
+    skin, middle = skin_mask(frame), frame.points[CHIN, 0]
+    left = skin & (np.arange(frame.size[1]) < middle - 0.15 * frame.resolution)
+    face = np.full((*frame.size, 3), FAIR, np.float32)
+    shady = np.where(left[..., None], np.float32(0.7) * face, face)
+    y, x = np.argwhere(left & (distance_inside(frame) > 0.1))[0]
+    marked = face.copy()
+    marked[y, x] *= 0.3
+    made, none = (
+        in_shades_of(face, other, np.ones(frame.size, np.float32), frame) for other in (shady, face)
+    )
+    np.testing.assert_allclose(none[skin], face[skin], rtol=1e-3)
+    assert np.median(made[left]) < 0.85 * np.median(made[skin & ~left])
+    seen = in_shades_of(face, marked, np.ones(frame.size, np.float32), frame)
+    np.testing.assert_allclose(seen[y, x], face[y, x], rtol=0.05)
 
 
 def eyed(skin: float, black: float, haze: float = 0.0) -> F32:

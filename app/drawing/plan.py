@@ -140,7 +140,9 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look, *, shows_skin: bool =
     even = own.with_neutral_texture(even_texture(person.identity))
     own_beard, goes_on = beard(person.identity.rest_frame, reference)
     beards = np.zeros_like(own_beard) if goes_on else np.maximum(own_beard, donor.beard)
-    shown, relief = toned(donor.clean.appearance, even, rim=1 - beards), Relief.shipped(reference)
+    of_photo = person.identity.is_of_photo or donor.enrolled.is_of_photo
+    shown = toned(donor.clean.appearance, even, rim=1 - beards, shaded=of_photo and shows_skin)
+    relief = Relief.shipped(reference)
     rgb = shown.neutral_texture
     texture = _fitted(person, donor, shown, look)
     mask, texels = reference.mask, person.texels
