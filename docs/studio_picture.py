@@ -6,25 +6,20 @@ Needs the extras `studio` and `dev`, and Chromium.
 from __future__ import annotations
 
 import base64
-import json
 import os
-import shutil
-import signal
-import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import urljoin
 
-import av
 import cv2
 import numpy as np
-from playwright.sync_api import sync_playwright
 
+sys.path.append(str(Path(__file__).parents[1]))  # of the checkout
+from benchmarks.live.visit import browser, studio
 from guise.aam.model import Identity
 from guise.app.media.pictures import Picture
 from guise.app.people.kept import FOLDER_VARIABLE, place_for
@@ -44,8 +39,8 @@ def film_studio(folder: Path, model: Path, camera: Path, fps: float) -> list[Pic
     os.environ[FOLDER_VARIABLE] = str(folder / "people")  # nobody else is shown
     replace(Identity.load(model), name=PERSON).save(place_for(PERSON))
     with (
-        _studio(folder / "studio") as address,
-        _browser(_camera_file(camera, folder / "camera.mjpeg")) as page,
+        studio(folder / "studio", folder / "people") as address,
+        browser(camera, folder, viewport=VIEW, color_scheme="light") as page,
     ):
         page.goto(address)
         page.get_by_role("button", name="I agree").click()
@@ -104,57 +99,3 @@ def _wait(page: Any, condition: Callable[[], bool]) -> None:
         if time.monotonic() > end:
             raise TimeoutError(page.locator("body").inner_text())
         page.wait_for_timeout(250)
-
-
-@contextmanager
-def _studio(folder: Path) -> Iterator[str]:
-    """The address of a studio in a process of its own."""
-    command = [
-        sys.executable,
-        "-m",
-        "guise",
-        "studio",
-        "--folder",
-        str(folder),
-        "--port",
-        "0",
-        "--no-open",
-        "--json",
-    ]
-    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
-        try:
-            assert process.stdout is not None
-            yield json.loads(process.stdout.readline())["address"]
-        finally:
-            process.send_signal(signal.SIGINT)
-
-
-@contextmanager
-def _browser(camera: Path) -> Iterator[Any]:
-    """A page of Chromium, without a window."""
-    arguments = [
-        "--no-sandbox",
-        "--use-fake-device-for-media-stream",
-        "--use-fake-ui-for-media-stream",
-        f"--use-file-for-fake-video-capture={camera}",
-    ]
-    executable = shutil.which("chromium") or shutil.which("google-chrome")
-    with sync_playwright() as playwright:
-        chrome = playwright.chromium.launch(executable_path=executable, args=arguments)
-        yield chrome.new_page(viewport=VIEW, color_scheme="light")
-        chrome.close()
-
-
-def _camera_file(clip: Path, path: Path) -> Path:
-    """The clip as Chromium's fake camera takes it: JPEG pictures one after the other, without sound."""
-    with av.open(str(clip)) as source, av.open(str(path), "w", format="mjpeg") as out:
-        old = source.streams.video[0]
-        new = out.add_stream("mjpeg", old.average_rate, {"qmin": "2", "qmax": "4"})
-        new.width, new.height, new.pix_fmt = old.width, old.height, "yuvj420p"
-        for frame in source.decode(old):
-            picture = frame.reformat(format="yuvj420p")
-            picture.pict_type = 0
-            out.mux(new.encode(picture))
-        out.mux(new.encode(None))
-    return path

@@ -8,27 +8,18 @@ latency are those of the ten seconds after it, as the page shows them; browser a
 from __future__ import annotations
 
 import argparse
-import json
-import os
 import re
-import shutil
-import signal
-import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from urllib.parse import urljoin
 
-import av
-
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
 from benchmarks.live.runs import SAMPLES
-from benchmarks.threads import VARIABLES
+from benchmarks.live.visit import browser, studio
 
 CLIP = SAMPLES / "p01" / "talk.mp4"
 RATE_SECONDS, LONGEST_SECONDS = 10.0, 120.0
@@ -52,56 +43,6 @@ COUNT = """() => {
 }"""
 
 
-@contextmanager
-def studio(folder: Path) -> Iterator[str]:
-    """The address of a studio that knows nobody."""
-    command = [
-        sys.executable,
-        "-m",
-        "guise",
-        "studio",
-        "--folder",
-        str(folder),
-        "--port",
-        "0",
-        "--no-open",
-        "--json",
-    ]
-    environment = os.environ | dict.fromkeys(VARIABLES, "1") | {"GUISE_PEOPLE": str(folder / "people")}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
-        try:
-            assert process.stdout is not None
-            yield json.loads(process.stdout.readline())["address"]
-        finally:
-            process.send_signal(signal.SIGINT)
-
-
-@contextmanager
-def browser(camera: Path) -> Iterator[Any]:
-    """A page of Chromium, without a window, whose camera is a film."""
-    from playwright.sync_api import sync_playwright
-
-    arguments = [
-        "--no-sandbox", "--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream",
-        f"--use-file-for-fake-video-capture={camera}",
-    ]  # fmt: skip
-    executable = shutil.which("chromium") or shutil.which("google-chrome")
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=executable, args=arguments)
-        yield chromium.new_page(viewport={"width": 1440, "height": 900})
-        chromium.close()
-
-
-def film(path: Path) -> Path:
-    """The clip as Chromium's fake camera reads it, YUV4MPEG2."""
-    with av.open(str(CLIP)) as clip, path.open("wb") as out:
-        for i, frame in enumerate(clip.decode(video=0)):
-            if i == 0:
-                out.write(b"YUV4MPEG2 W%d H%d F30:1 Ip C420jpeg\n" % (frame.width, frame.height))
-            out.write(b"FRAME\n" + frame.to_ndarray(format="yuv420p").tobytes())
-    return path
-
-
 def until(page: Any, begun: float, condition: Callable[[], bool]) -> float:
     """Seconds from a time.monotonic() on until a condition holds; infinite where it never does."""
     while not condition():
@@ -115,8 +56,8 @@ def measure(options: argparse.Namespace) -> Report:
     """One visit."""
     with (
         tempfile.TemporaryDirectory() as name,
-        studio(Path(name)) as address,
-        browser(film(Path(name) / "camera.y4m")) as page,
+        studio(Path(name), Path(name) / "people") as address,
+        browser(CLIP, Path(name), viewport={"width": 1440, "height": 900}) as page,
     ):
         page.goto(address)
         page.get_by_role("button", name="I agree").click()
