@@ -316,3 +316,17 @@ def test_quick_rgb_is_near_rgb_also_after_a_change(fmt: str, orientation: Orient
     away = np.abs(frame.quick_rgb().astype(int) - frame.rgb())
     assert frame.quick_rgb().shape == (frame.height, frame.width, 3)
     assert away.max() <= 6
+
+
+def test_brightness_drawn_into_an_rgb_picture_is_grey_and_the_rest_is_untouched() -> None:
+    rgb = np.random.default_rng(0).integers(60, 190, (6, 8, 3)).astype(np.uint8)
+    frame = Frame.from_rgb(rgb)
+    frame.write_yuv(1, 1, frame.read_yuv(1, 1, 6, 4))
+    np.testing.assert_array_equal(frame.rgb(), rgb)
+    brighter = frame.read_yuv(2, 1, 3, 2)
+    brighter[..., 0] += 40
+    frame.write_yuv(2, 1, brighter)
+    change = frame.rgb().astype(int) - rgb
+    assert np.abs(change[1:3, 2:5] - 40).max() <= 2
+    change[1:3, 2:5] = 0
+    assert not change.any()

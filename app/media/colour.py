@@ -43,11 +43,6 @@ class ColourMatrix:
         self.to_rgb.setflags(write=False)
         self.from_rgb.setflags(write=False)
 
-    @property
-    def is_rgb(self) -> bool:
-        """Whether the components are G, B, R."""
-        return bool(self.to_rgb[0, 0] == 0)
-
 
 def yuv_matrix(colourspace: int, colour_range: int, height: int) -> ColourMatrix:
     """The matrix of a Y, U, V picture from its tags (H.273 matrix and FFmpeg range numbers).

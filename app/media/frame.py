@@ -247,6 +247,27 @@ class Frame:
             )
         plane[cy0:cy1, cx0:cx1] = cv2.resize(part, (cx1 - cx0, cy1 - cy0), interpolation=cv2.INTER_AREA)
 
+    @property
+    def yuv(self) -> ColourMatrix:
+        """As `colour`, but of brightness and chroma of an RGB picture, too."""
+        return self.colour if self._rgb is None else _YUV
+
+    def read_yuv(self, x0: int, y0: int, w: int, h: int) -> Plane:
+        """As `read_roi`, in the components of `yuv`."""
+        if self._rgb is None:
+            return self.read_roi(x0, y0, w, h)
+        return np.asarray(cv2.transform(self.rgb_roi(x0, y0, w, h), _YUV.from_rgb), np.uint8)
+
+    def write_yuv(self, x0: int, y0: int, yuv: Plane) -> None:
+        """Write back what `read_yuv` gave; what is not changed stays bit-identical."""
+        if self._rgb is None:
+            self.write_roi(x0, y0, yuv)
+            return
+        h, w = yuv.shape[:2]
+        changed = (yuv != self.read_yuv(x0, y0, w, h)).any(2, keepdims=True)
+        rgb = np.where(changed, cv2.transform(yuv, _YUV.to_rgb), self.rgb_roi(x0, y0, w, h))
+        self.write_roi(x0, y0, np.asarray(rgb[..., [1, 2, 0]], np.uint8))
+
     def rgb_roi(self, x0: int, y0: int, w: int, h: int) -> Plane:
         """A copy of a rectangle as RGB, (h, w, 3) uint8, full range."""
         self._check(x0, y0, w, h)
@@ -333,6 +354,7 @@ class Frame:
 
 
 _GBR = gbr_matrix()
+_YUV = yuv_matrix(tags.BT470BG, tags.FULL, 0)
 _MATRICES: dict[tuple[int, int, bool], ColourMatrix] = {}
 
 

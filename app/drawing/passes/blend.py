@@ -12,7 +12,6 @@ from guise.aam.mask import beyond_mask
 from guise.aam.relief import Relief
 from guise.app.drawing.face import FaceInFrame
 from guise.app.drawing.memory import Memory
-from guise.app.media.colour import ColourMatrix
 from guise.common.arrays import F32, U8
 from guise.common.closing import Closing
 from guise.common.small import mean
@@ -54,9 +53,9 @@ class Blend(Closing):
         x, y, w, h = frame.align_roi(*(low - 1), *(high + 2))
         if w < 2 or h < 2:
             return
-        canvas.corner, canvas.roi = (x, y), frame.read_roi(x, y, w, h)
+        canvas.corner, canvas.roi = (x, y), frame.read_yuv(x, y, w, h)
         some = canvas.roi[::SOME, ::SOME]
-        canvas.is_grey = _is_grey(some, frame.colour) and _is_grey(canvas.roi, frame.colour)
+        canvas.is_grey = _is_grey(some) and _is_grey(canvas.roi)
         if memory.parsed is not None:
             parsing, then = memory.parsed
             face.parsed = parsing.from_place(*((x, y) - mean(face.head - then, 0)))
@@ -84,8 +83,8 @@ class Blend(Closing):
         canvas, frame = face.canvas, face.frame
         if canvas.is_grey:
             h, w = canvas.roi.shape[:2]
-            canvas.roi = _greyed(canvas.roi, frame.read_roi(*canvas.corner, w, h), frame.colour)
-        frame.write_roi(*canvas.corner, canvas.roi)
+            canvas.roi[..., 1:] = frame.read_yuv(*canvas.corner, w, h)[..., 1:]
+        frame.write_yuv(*canvas.corner, canvas.roi)
 
     def close(self) -> None:
         """Release the compositors."""
@@ -126,16 +125,6 @@ class Blend(Closing):
         return np.asarray(cv2.resize(alpha, (2 * w, 2 * h), interpolation=cv2.INTER_LINEAR), np.float32)
 
 
-def _is_grey(roi: U8, colour: ColourMatrix) -> bool:
-    """Whether stored components (h, w, 3) show no colour."""
-    if colour.is_rgb:
-        return bool((roi[..., 1:] == roi[..., :1]).all())
+def _is_grey(roi: U8) -> bool:
+    """Whether brightness and chroma (h, w, 3) show no colour."""
     return bool((cv2.absdiff(roi[..., 1:], np.full_like(roi[..., 1:], 128)) <= MOST_CHROMA).all())
-
-
-def _greyed(drawn: U8, before: U8, colour: ColourMatrix) -> U8:
-    """Stored components (h, w, 3) without the colour that was drawn into a grey picture; what was there stays."""
-    if colour.is_rgb:  # G, B, R
-        grey = cv2.cvtColor(np.ascontiguousarray(drawn[..., [2, 0, 1]]), cv2.COLOR_RGB2GRAY)
-        return np.repeat(np.asarray(grey, np.uint8)[..., None], 3, axis=2)
-    return np.concatenate([drawn[..., :1], before[..., 1:]], axis=2)

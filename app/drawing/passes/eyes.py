@@ -201,7 +201,7 @@ class Aperture:
             own, 1 + LIMITS.sharpening, cv2.GaussianBlur(own, (3, 3), 0), -LIMITS.sharpening, 0
         )
         if self._tint is not None:
-            colour = face.frame.colour
+            colour = face.frame.yuv
             eye = cv2.transform(own.astype(np.float32), colour.to_rgb)
             within = in_eye(places, head[self._part], self._width * nose_length(head))
             seen = np.float32(1 - shut[self._eye]) * _eye_seen(parsing, places)

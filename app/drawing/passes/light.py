@@ -83,7 +83,7 @@ class QuotientLight:
 
     def apply(self, face: FaceInFrame, memory: Memory) -> None:
         """Light the face's texture."""
-        light, canvas, colour = memory.light, face.canvas, face.frame.colour
+        light, canvas, colour = memory.light, face.canvas, face.frame.yuv
         assert light is not None
         to_stored, offset = colour.from_rgb[:, :3], colour.from_rgb[:, 3]
         cells = light.map.copy()

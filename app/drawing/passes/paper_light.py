@@ -113,7 +113,7 @@ class PaperLight:
 
     def apply(self, face: FaceInFrame, memory: Memory) -> None:
         """Put the face's texture into the frame's light and colours."""
-        kept, canvas, colour = memory.paper_light, face.canvas, face.frame.colour
+        kept, canvas, colour = memory.paper_light, face.canvas, face.frame.yuv
         assert kept.own is not None
         assert kept.there is not None
         to_stored, offset = colour.from_rgb[:, :3], colour.from_rgb[:, 3]
