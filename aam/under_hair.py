@@ -33,7 +33,7 @@ class HairLimits:
     growth_face_widths: float = 0.03  # around it, where its shadow and single hairs lie
     edge_face_widths: float = 0.012  # standard deviation
     brow_growth_face_widths: float = 0.04  # around the points of a brow, within which all of it lies
-    brow_share: float = 0.2  # hidden, from which all of a brow is replaced
+    brow_share: float = 0.3  # hidden, from which all of a brow is replaced
     tone_face_widths: float = 0.08  # standard deviation of the means of bare skin
 
 
@@ -43,12 +43,12 @@ LIMITS = HairLimits()
 def hidden_share(parsing: Parsing, shape: F64, reference: ReferenceFrame) -> F32:
     """(h, w) share in [0, 1] by which hair hides a face at a shape (81, 2) of the parsed picture; not its eyes."""
     hair = parsing.at(reference.sampler.positions(shape), parsing.share(FaceClass.HAIR))
-    share = reference.scatter(np.asarray(ramps(hair, *LIMITS.share), np.float32))
-    share = np.asarray(cv2.dilate(share, disc(LIMITS.growth_face_widths * reference.resolution)), np.float32)
+    over = reference.scatter(np.asarray(ramps(hair, *LIMITS.share), np.float32))
+    share = np.asarray(cv2.dilate(over, disc(LIMITS.growth_face_widths * reference.resolution)), np.float32)
     share *= 1 - soft_parts(reference, (RIGHT_EYE, LEFT_EYE, LIPS), 0.0)
     for brow in (RIGHT_BROW, LEFT_BROW):
         place = soft_parts(reference, (brow,), 0.0)
-        if float((place * share).sum()) > LIMITS.brow_share * float(place.sum()):
+        if float((place * over).sum()) > LIMITS.brow_share * float(place.sum()):
             np.maximum(share, soft_parts(reference, (brow,), LIMITS.brow_growth_face_widths), out=share)
     soft = cv2.GaussianBlur(share, (0, 0), LIMITS.edge_face_widths * reference.resolution)
     return np.asarray(soft * reference.mask, np.float32)

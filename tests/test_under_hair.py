@@ -36,7 +36,7 @@ def test_a_brow_is_hidden_as_a_whole_and_a_bald_face_is_not() -> None:
     assert not hidden_share(parsing, FRAME.points, FRAME).any()
     end = FRAME.points[RIGHT_BROW]
     x, y = (scale * end.min(0)).astype(int)
-    cells[FaceClass.HAIR, y - 1 : y + 4, x - 1 : x + 4] = 1
+    cells[FaceClass.HAIR, y - 2 : y + 5, x - 1 : x + 7] = 1
     share = hidden_share(parsing, FRAME.points, FRAME)
     assert share[RIGHT].min() > 0.5
     assert share[LEFT].max() < 0.05
