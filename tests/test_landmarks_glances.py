@@ -17,6 +17,7 @@ from guise.aam.landmarks.glances import CYCLE, Glancer, is_face, likeness_throug
 from guise.aam.landmarks.rolls import RolledBoxes
 from guise.aam.landmarks.schemes import IBUG68
 from guise.app.deidentify.stages.audit import Audit
+from guise.app.deidentify.stages.doubt import DoubtSearch
 from guise.app.deidentify.stages.search import AuditSearch
 from guise.app.media import Frame, open_input
 from guise.app.people import faces
@@ -79,6 +80,21 @@ def test_the_audit_finds_a_face_behind_a_pattern_or_says_that_nobody_can_tell(pa
     covers = {0: [FaceTreatment(NOBODY, COVERED, one.box, 1.0, one.turn) for one in found]}
     audit = Audit(AuditSearch(None), (0, 1), covers, 30.0, every_frame=False)
     assert not audit.before([frame], covers)
+
+
+@pytest.mark.parametrize(("score", "glances", "found"), [(0.75, 2, 1), (0.75, 1, 0), (0.65, 3, 0)])
+def test_what_two_glances_show_is_a_face_whatever_the_landmarker_says(
+    score: float, glances: int, found: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a shot of a few frames there are no other sights of it."""
+    box = RolledBoxes(
+        np.array([[8, 8, 40, 40]], np.float32), np.array([score], np.float32), np.zeros(1, np.float32)
+    )
+    seen = dict.fromkeys(range(glances), box)
+    monkeypatch.setattr(Glancer, "faces", lambda _, image, number: seen.get(number, RolledBoxes.none()))
+    doubt = DoubtSearch(BuiltinLandmarker()).look(np.full((60, 80, 3), 90, np.uint8), [])
+    assert len(doubt.faces) == found
+    assert doubt.is_unclear == (score >= 0.7 and not found)
 
 
 def test_there_is_no_doubt_about_an_empty_scene(tmp_path: Path) -> None:

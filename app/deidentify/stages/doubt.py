@@ -1,17 +1,19 @@
 """Frames in which no face is swapped, looked at again: may one be behind something there?
 
-All glances are taken.  What is surely a face is found; where less is seen, or skin between bars, wires or letters,
-nobody can tell.  Boxes ``x0 y0 x1 y1``, pixels.
+All glances are taken.  What is surely a face is found, and what the detector takes for one in several of them; where
+less is seen, or skin between bars, wires or letters, nobody can tell.  Boxes ``x0 y0 x1 y1``, pixels.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import cv2
 import numpy as np
 
+from guise.aam.landmarks import iou
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.glances import (
     CYCLE,
@@ -22,14 +24,16 @@ from guise.aam.landmarks.glances import (
 )
 from guise.aam.landmarks.glances import LIMITS as GLANCES
 from guise.aam.landmarks.rolls import RolledBoxes
-from guise.common.arrays import F64, U8
+from guise.common.arrays import F32, F64, U8
 
 
 @dataclass(frozen=True)
 class DoubtLimits:
     """When nobody can tell."""
 
-    min_score: float = 0.7  # of a box that is not surely a face's
+    min_score: float = 0.7  # of a box that is not surely a face's,
+    sights: int = 2  # and of which so many glances, of all, show that it is one
+    sight_iou: float = 0.2  # at its place
     skin_sides: tuple[int, int] = (160, 80)  # pixels, longer sides of pictures in which skin is looked for
     min_skin_share: float = 0.012  # in one piece, that is skin
     skin_red: tuple[int, int] = (136, 180)  # Cr and
@@ -61,18 +65,22 @@ class DoubtSearch:
             rgb = rgb.copy()
             for x0, y0, x1, y1 in np.maximum(places, 0).astype(int):
                 rgb[y0 : y1 + 1, x0 : x1 + 1] = _KNOWN_LEVEL
-        seen = RolledBoxes.none()
-        for number in range(CYCLE):
-            seen = seen.and_others(self._glancer.faces(rgb, number))
-        seen = seen.distinct()
+        glances = [self._glancer.faces(rgb, number) for number in range(CYCLE)]
+        seen = reduce(RolledBoxes.and_others, glances).distinct()
         rows = zip(seen.boxes, seen.scores.tolist(), seen.turns.tolist(), strict=True)
         sure = [
-            is_surely_face(score, likeness_through(self._landmarker, rgb, box, turn))
+            (score >= LIMITS.min_score and _sights(box, glances) >= LIMITS.sights)
+            or is_surely_face(score, likeness_through(self._landmarker, rgb, box, turn))
             for box, score, turn in rows
         ]
         faces = seen[np.array(sure, bool)]
         unclear = not len(faces) and (bool((seen.scores >= LIMITS.min_score).any()) or _has_skin_behind(rgb))
         return Doubt(faces, unclear)
+
+
+def _sights(box: F32, glances: Sequence[RolledBoxes]) -> int:
+    """How many glances show a face at the place of a box (4,)."""
+    return sum(any(iou(box, other) > LIMITS.sight_iou for other in glance.boxes) for glance in glances)
 
 
 def _has_skin_behind(rgb: U8) -> bool:
