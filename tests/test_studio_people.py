@@ -83,9 +83,10 @@ def held(folder: Path) -> Iterator[None]:
 
 
 def kept(server: StudioServer) -> set[str]:
-    """Suffixes of the files that the studio keeps."""
+    """The files that the studio keeps."""
     folders = ("clips", "people", "jobs", "incoming")
-    return {path.suffix for name in folders for path in (server.folder / name).rglob("*") if path.is_file()}
+    files = (path for name in folders for path in (server.folder / name).rglob("*") if path.is_file())
+    return {str(path.relative_to(server.folder)) for path in files}
 
 
 def upload(page: Any, file: Any) -> None:
@@ -157,17 +158,21 @@ def test_a_clip_is_recorded_with_the_camera(page: Any, studio_server: StudioServ
     with av.open(str(file)) as video:
         frames = [frame.to_ndarray(format="gray") for frame in video.decode(video=0)]
     assert frames[0].shape == (480, 640)
-    assert len(frames) > 10
+    assert len(frames) > 1  # how many depends on how busy the machine is
     assert np.std(frames[-1]) > 20
     page.get_by_role("button", name="Remove").click()
     remove(page, "Delete the clip recording")
 
 
 def test_a_discarded_recording_is_nowhere(page: Any, studio_server: StudioServer) -> None:
+    """Not even when it ended by itself before."""
     page.get_by_role("button", name="Record with the camera").click()
-    page.get_by_role("button", name="Discard").click()
-    page.get_by_label("Camera", exact=True).wait_for(state="hidden")
+    discard = page.get_by_role("button", name="Discard")
+    discard.and_(page.locator(":enabled")).wait_for()
+    page.evaluate("guiseRecorder.end(document.querySelector('video'))")  # as after 20 seconds
     page.wait_for_function("document.querySelector('video').srcObject === null")
+    discard.click()
+    page.get_by_label("Camera", exact=True).wait_for(state="hidden")
     assert kept(studio_server) == set()
 
 

@@ -13,11 +13,15 @@ HINTS = {
     4: "Say a few sentences.",
     11: "Smile, and close your eyes once or twice.",
     15: "Turn your head slowly to the left and to the right.",
+    MAX_SECONDS: "That is enough: use it, or discard it.",
 }
 
 
 class ClipRecorder:
-    """A button that records up to MAX_SECONDS; `stage` adds the place for the camera's picture and the hints."""
+    """A button that records up to MAX_SECONDS; the clip is taken when the user says so.
+
+    `stage` adds the place for the camera's picture and the hints.
+    """
 
     def __init__(self, field: ui.upload) -> None:
         script("recorder.js")
@@ -35,8 +39,8 @@ class ClipRecorder:
                 self._ring.props('aria-label="Time"')
                 self._hint = ui.label().props("role=status").classes("text-h6")
             with ui.row():
-                self._finish = ui.button("Use it", icon="check", on_click=lambda: self._stop(wanted=True))
-                self._discard = ui.button("Discard", on_click=lambda: self._stop(wanted=False))
+                self._finish = ui.button("Use it", icon="check", on_click=lambda: self._choose(wanted=True))
+                self._discard = ui.button("Discard", on_click=lambda: self._choose(wanted=False))
                 self._discard.props("outline")
         self._timer = ui.timer(1.0, self._tick, active=False)
         self._show(recording=False)
@@ -61,12 +65,13 @@ class ClipRecorder:
         self._hint.text = HINTS.get(self._seconds, self._hint.text)
         self._finish.set_enabled(self._seconds >= MIN_SECONDS)
         if self._seconds >= MAX_SECONDS:
-            self._stop(wanted=True)
+            self._timer.deactivate()
+            ui.run_javascript(f"guiseRecorder.end({self._element()})")
 
-    def _stop(self, *, wanted: bool) -> None:
+    def _choose(self, *, wanted: bool) -> None:
         """End the recording; a wanted one is uploaded."""
         self._timer.deactivate()
-        ui.run_javascript(f"guiseRecorder.stop({self._element()}, {str(wanted).lower()})")
+        ui.run_javascript(f"guiseRecorder.choose({self._element()}, {str(wanted).lower()})")
         self._show(recording=False)
 
     def _element(self) -> str:
