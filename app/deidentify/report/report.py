@@ -93,7 +93,8 @@ def kind(entry: BatchEntry) -> str:
 def outcome(report: FileReport) -> int:
     """The exit code.
 
-    0: all faces are swapped, covered, or left as the user said.  3: not verified.  1: a face may be visible.
+    0: all faces are swapped, covered, or left as the user said.  3: not verified.  1: the last audit still
+    finds a face, which is more than a doubt.
     """
     if any(not finding.covered for finding in report.audit):
         return FAILED
