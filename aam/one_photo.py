@@ -2,8 +2,10 @@
 
 A photo shows one expression.  The prior of solid shapes tells the points of the face at rest; what the expression does
 to the skin is that of other people, in the photo's tone, and is taken out of its texture.  The far half of a turned
-face is filled from the near one, and what hair hides from the other half or from other people.  What no photo shows is
-guessed: teeth and tongue, the face with lids shut, and turned views.  Pixels, x right, y down; RGB 0..255.
+face is filled from the near one, and what hair hides from the other half or from other people, as is its nose.  What no
+photo shows is guessed: teeth and tongue, the face with lids shut, and turned views.
+
+Pixels, x right, y down; RGB 0..255.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from guise.aam.appearance import (
     sample_texture,
 )
 from guise.aam.brows import BrowLift
+from guise.aam.hidden_parts import hidden_share, uncovered
 from guise.aam.light import equalised_light
 from guise.aam.mask import learn_mask, skin_mask
 from guise.aam.model import KNOWN_REST, Identity, RestFrame
@@ -33,7 +36,6 @@ from guise.aam.tracker import FEATURE_RESOLUTION, cut
 from guise.aam.tracker_training import TrackerOptions, bent, train_tracker
 from guise.aam.training import TrainingError, detailed, feature_mask, observe, parsed_face
 from guise.aam.turned_texture import completed
-from guise.aam.under_hair import hidden_share, uncovered
 from guise.aam.view_textures import changing
 from guise.aam.views import Views
 from guise.common.arrays import F32, F64, U8

@@ -1,13 +1,14 @@
-"""What hair hides of a face in a photo is filled from the other half, or from another face where both are hidden."""
+"""What isn't seen of a face in a photo is filled from the other half, or from another face where both are hidden."""
 
 import numpy as np
 import pytest
 from made_up import FRAME
 
-from guise.aam.landmarks.schemes import LEFT_BROW, RIGHT_BROW
+from guise.aam.hidden_parts import hidden_share, uncovered
+from guise.aam.landmarks.schemes import LEFT_BROW, NOSE_TIP, RIGHT_BROW
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.parsing import CELLS, FaceClass, Parsing
-from guise.aam.under_hair import hidden_share, uncovered
+from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.common.arrays import F32
 
 FAIR, FRINGE = (200, 160, 140), (20, 15, 10)
@@ -41,3 +42,16 @@ def test_a_brow_is_hidden_as_a_whole_and_a_bald_face_is_not() -> None:
     assert share[RIGHT].min() > 0.5
     assert share[LEFT].max() < 0.05
     assert share[skin_mask(FRAME)].mean() < 0.2
+
+
+def test_only_a_turned_head_hides_its_nose() -> None:
+    cells, prior = np.zeros((len(FaceClass), CELLS, CELLS), np.float32), SolidPrior.shipped()
+    x, y = np.round(FRAME.points[NOSE_TIP]).astype(int)
+    shares = []
+    for yaw in np.radians([0, 25]):
+        rotation = np.array([[np.cos(yaw), 0, -np.sin(yaw)], [0, 1, 0], [np.sin(yaw), 0, np.cos(yaw)]])
+        shape = HeadPose(rotation, 100.0, np.zeros(2)).apply(prior.mean)
+        shares.append(hidden_share(Parsing(cells, np.eye(2, 3)), shape, FRAME))
+    assert not shares[0].any()
+    assert shares[1][y, x] > 0.9
+    assert shares[1][RIGHT | LEFT].max() < 0.1
