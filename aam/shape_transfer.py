@@ -76,7 +76,7 @@ class ShapeTransfer:
     source, target : SolidFit of the two faces at rest.
     reference : ReferenceFrame.
     outline : share in [0, 1] by which the jaw line has the target's form instead of the head's.
-    apart : share by which the two faces differ more at rest than they do, but for the forms of brows, eyes and mouth.
+    apart : share by which the two faces differ more at rest than they do, but for the forms of features.
     learned : whether the features' places are corrected by what was learned from rendered swaps.
 
     Attributes
@@ -195,9 +195,12 @@ def laid_over(face: F64, other: F64) -> F64:
 
 
 def _farther(face: F64, other: F64, share: float) -> F64:
-    """A solid face (81, 3), by a share farther from another (81, 3); eyes, brows and mouth move as wholes."""
+    """A solid face (81, 3), by a share farther from another (81, 3); eyes with brows, and the mouth, move as wholes.
+
+    A brow that went its own way would frown, or be surprised.
+    """
     moves = share * (face - other)
-    for part in (RIGHT_BROW, LEFT_BROW, RIGHT_EYE, LEFT_EYE, LIPS):
+    for part in (np.r_[RIGHT_BROW, RIGHT_EYE], np.r_[LEFT_BROW, LEFT_EYE], LIPS):
         moves[part] = moves[part].mean(0)
     return np.asarray(face + moves)
 

@@ -15,6 +15,7 @@ that they fade with it.  Both faces as they were enrolled; grid pixels, RGB 0..2
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -51,24 +52,26 @@ class SkinToneLimits:
 
 
 LIMITS = SkinToneLimits()
+Shades = Literal["own", "colour", "all"]
 BLACK = np.float32(4)  # grey levels, added before logarithms and ratios are taken
 
 
 def toned(
-    face: AppearanceModel, person: AppearanceModel, *, rim: F32 | None = None, shaded: bool = False
+    face: AppearanceModel, person: AppearanceModel, *, rim: F32 | None = None, shades: Shades = "own"
 ) -> AppearanceModel:
     """A face with a neutral texture fit for a person's contrast and skin tone.
 
     rim : (h, w) share in [0, 1] of bare skin in both, by which the face goes over into theirs at its border; None if
         it does not.
-    shaded : with what is smooth in the person's shades, which one photo alone does not tell from light.
+    shades : whether what is smooth in the person's is taken over: "own", nothing; "colour", their pallor and flush;
+        "all", brightness, too, which one photo alone does not tell from light.
     """
     reference = face.reference
     texture, other = (reference.scatter(one.neutral_texture) for one in (face, person))
     fit = in_tone_of(in_contrast_of(texture, other, reference), other, reference)
     fit = hair_in_light_of(fit, other, reference)
-    if rim is not None and shaded:
-        fit = in_shades_of(fit, other, rim, reference)
+    if rim is not None and shades != "own":
+        fit = in_shades_of(fit, other, rim, reference, bright=shades == "all")
     if rim is not None:
         fit = with_rim_of(fit, other, rim, reference)
     return face.with_neutral_texture(fit)
@@ -140,12 +143,16 @@ def with_rim_of(texture: F32, other: F32, bare: F32, reference: ReferenceFrame) 
     return np.asarray(_over_black(texture) * ratio ** share[..., None] - BLACK, np.float32)
 
 
-def in_shades_of(texture: F32, other: F32, bare: F32, reference: ReferenceFrame) -> F32:
+def in_shades_of(
+    texture: F32, other: F32, bare: F32, reference: ReferenceFrame, *, bright: bool = True
+) -> F32:
     """A neutral texture (h, w, 3) with the smooth shades of another: gloss, flush and shadow go on beyond the face.
 
-    bare : (h, w) share in [0, 1] by which both have bare skin there.
+    bare : (h, w) share in [0, 1] by which both have bare skin there.   bright : with their brightness, not colour alone.
     """
     ratio = _ratio(texture, other, bare, LIMITS.shade_face_widths, reference)
+    if not bright:
+        ratio = ratio / (ratio @ LUMA)[..., None]
     return np.asarray(_over_black(texture) * ratio - BLACK, np.float32)
 
 

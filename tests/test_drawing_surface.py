@@ -21,7 +21,7 @@ from guise.aam.reference import ReferenceFrame
 from guise.aam.relief import Relief
 from guise.app.drawing.face import FaceInFrame, Seen
 from guise.app.drawing.memory import Memory
-from guise.app.drawing.passes.surface import LIMITS, Finish, OwnSkin, grain_energy
+from guise.app.drawing.passes.surface import LIMITS, Finish, OwnSkin, PoreFinish, grain_energy
 from guise.common.arrays import F32, F64, U8
 from guise.common.decay import FRAME_SECONDS
 
@@ -41,8 +41,8 @@ def face(contrast: float) -> U8:
 class Shown:
     """A surface with what it remembers, of a face that is laid over skin of its own size frame after frame."""
 
-    def __init__(self) -> None:
-        self.surface, self.memory, self.number = Finish(REFERENCE, REFERENCE.mask), Memory(), 0
+    def __init__(self, surface: type[Finish] = Finish) -> None:
+        self.surface, self.memory, self.number = surface(REFERENCE, REFERENCE.mask), Memory(), 0
 
     def face(self, drawn: U8, roi: U8 | None = None, points: F64 | None = None) -> FaceInFrame:
         face = drawn_on(drawn if roi is None else roi, REFERENCE.points if points is None else points, drawn)
@@ -97,9 +97,9 @@ class Shown:
         return float(np.sqrt(self.memory.surface.variance))
 
 
-def settled(own: U8, drawn: U8, frames: int = 60) -> Shown:
+def settled(own: U8, drawn: U8, frames: int = 60, surface: type[Finish] = Finish) -> Shown:
     """After many frames in which a texture is laid over skin of its own size."""
-    shown = Shown()
+    shown = Shown(surface)
     for _ in range(frames):
         shown.show(own, drawn)
     return shown
@@ -308,3 +308,12 @@ def test_own_skin_is_added_only_where_the_faces_own_sharpness_is_not_enough() ->
         face.canvas.mesh, memory.surface.own_share = MESH, share
         OWN.add(face, memory)
         assert (face.canvas.picture != 100).any() == (share > 0)
+
+
+def test_pores_of_a_disguise_are_never_stronger_than_the_pictures_whatever_its_folds() -> None:
+    folds = np.float32(30) * np.sin(np.arange(REFERENCE.size[1], dtype=np.float32) / 5)
+    skin = face(4.0)
+    folded = np.clip(skin + np.stack([folds, 0 * folds, 0 * folds], 1), 0, 255).astype(np.uint8)
+    assert settled(folded, face(4.0), surface=PoreFinish).gain <= 1 < settled(folded, face(4.0)).gain
+    for own in (skin, folded):
+        assert settled(own, face(12.0), surface=PoreFinish).gain < 0.6

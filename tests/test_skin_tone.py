@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from test_turned_texture import enrolled
 
 from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel
-from guise.aam.landmarks.schemes import CHIN, LEFT_BROW, LEFT_EYE, LIPS, RIGHT_BROW, RIGHT_EYE
+from guise.aam.landmarks.schemes import CHIN, LEFT_BROW, LEFT_EYE, LIPS, NOSE_TIP, RIGHT_BROW, RIGHT_EYE
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
@@ -116,6 +116,18 @@ def test_a_shadow_is_taken_over_and_a_mole_is_not() -> None:
     assert np.median(made[left]) < 0.85 * np.median(made[skin & ~left])
     seen = in_shades_of(face, marked, np.ones(frame.size, np.float32), frame)
     np.testing.assert_allclose(seen[y, x], face[y, x], rtol=0.05)
+
+
+def test_pallor_and_flush_are_taken_over_without_brightness() -> None:
+    frame = ReferenceFrame.canonical(96)
+    skin = skin_mask(frame)
+    face = np.full((*frame.size, 3), FAIR, np.float32)
+    cheeks = skin & (np.abs(np.arange(frame.size[0]) - frame.points[NOSE_TIP, 1]) < 20)[:, None]
+    other = np.where(cheeks[..., None], face * np.float32([1.1, 0.9, 0.9]), face)
+    made = in_shades_of(face, other, np.ones(frame.size, np.float32), frame, bright=False)
+    red = made[..., 0] / made[..., 1]
+    assert red[cheeks].mean() > 1.05 * red[skin & ~cheeks].mean()
+    assert_allclose((made @ LUMA)[skin], FAIR @ LUMA, rtol=0.03)
 
 
 def eyed(skin: float, black: float, haze: float = 0.0) -> F32:

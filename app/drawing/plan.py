@@ -25,7 +25,7 @@ from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
 from guise.aam.relief import Relief
 from guise.aam.shape_transfer import ShapeTransfer
-from guise.aam.skin_tone import toned
+from guise.aam.skin_tone import Shades, toned
 from guise.aam.solid_shape import SolidFit
 from guise.aam.view_prior import SideViews
 from guise.app.drawing.donor import Donor
@@ -41,7 +41,7 @@ from guise.app.drawing.passes.irises import Gaze, IrisChange, IrisTint
 from guise.app.drawing.passes.light import QuotientLight
 from guise.app.drawing.passes.paper_light import PaperLight
 from guise.app.drawing.passes.place import Place, RigidPlace
-from guise.app.drawing.passes.surface import Finish, OwnSkin
+from guise.app.drawing.passes.surface import Finish, OwnSkin, PoreFinish
 from guise.app.drawing.passes.texture import Enlargement, PlainTexture, Texture
 from guise.app.drawing.passes.turned import Folds, Silhouette, whole_cosines
 from guise.app.drawing.person import TrackedPerson
@@ -141,7 +141,8 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look, *, shows_skin: bool =
     own_beard, goes_on = beard(person.identity.rest_frame, reference)
     beards = np.zeros_like(own_beard) if goes_on else np.maximum(own_beard, donor.beard)
     of_photo = person.identity.is_of_photo or donor.enrolled.is_of_photo
-    shown = toned(donor.clean.appearance, even, rim=1 - beards, shaded=of_photo and shows_skin)
+    shades: Shades = ("all" if of_photo else "own") if shows_skin else "colour"
+    shown = toned(donor.clean.appearance, even, rim=1 - beards, shades=shades)
     relief = Relief.shipped(reference)
     rgb = shown.neutral_texture
     texture = _fitted(person, donor, shown, look)
@@ -169,7 +170,7 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look, *, shows_skin: bool =
     )
     place = Place(reference, beyond)
     silhouette, folds = Silhouette(relief, texels), Folds(relief)
-    surface = Finish(reference, mask)
+    surface = (Finish if shows_skin else PoreFinish)(reference, mask)
     skin = (OwnSkin(relief).add,) if shows_skin else ()
     theirs, drawn = ((), EYES) if eyeballs else (EYES, ())  # lids of shut eyes
     apertures = Apertures(reference, person.at_rest, (*own_eyes, *own_mouth), theirs, tint, drawn)

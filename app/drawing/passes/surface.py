@@ -14,6 +14,9 @@ A mean of frames has less noise than a frame, and a drawn face without the noise
 noise of the frame's skin before drawing is compared with that of the same pixels after it, and what is missing is added
 to the texture of the frames that follow.
 
+A face that shows nothing of the person's skin is compared by its pores alone, as the gradients of skin are those of
+folds and gleams, which it has not: raised until they are alike, pores would be a net.
+
 Pixels, x right, y down; grey levels 0..255.
 """
 
@@ -28,7 +31,7 @@ from guise.aam.landmarks.schemes import LEFT_BROW, NOSE_WINGS, RIGHT_BROW
 from guise.aam.mask import FEATURE_PARTS, skin_mask, soft_parts
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.aam.relief import Relief
-from guise.app.drawing.face import BROW_REACH, FEATHER, FaceInFrame
+from guise.app.drawing.face import BROW_REACH, FEATHER, GROWTH, FaceInFrame
 from guise.app.drawing.memory import SLACK, Memory, SurfaceMemory
 from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.decay import FRAME_SECONDS
@@ -94,7 +97,20 @@ class OwnSkinLimits:
     cell_grid_pixels: int = tuned(4, "grid pixels", "speed")  # between which places are interpolated
 
 
-LIMITS, GRAIN, OWN = SharpnessLimits(), GrainLimits(), OwnSkinLimits()
+@dataclass(frozen=True)
+class PoreLimits:
+    """What is compared of a face that shows nothing of the person's skin."""
+
+    # standard deviation, beyond which a difference is form
+    band_face_widths: float = tuned(0.02, "face widths", "deidentify.identity")
+    quantile: float = tuned(
+        0.4, "quantile", "deidentify.identity"
+    )  # of the places' energies: skin without features
+    least_energy: float = derived(0.02, "squared grey levels", "a quarter of what rounding to levels leaves")
+    gain: tuple[float, float] = tuned((0.1, 1.0), "ratio", "deidentify.identity")  # least and most
+
+
+LIMITS, GRAIN, OWN, PORES = SharpnessLimits(), GrainLimits(), OwnSkinLimits(), PoreLimits()
 
 
 class Finish:
@@ -105,6 +121,8 @@ class Finish:
     reference : ReferenceFrame.
     mask : (h, w) bool, where the face is drawn.
     """
+
+    _gains = LIMITS.gain
 
     def __init__(self, reference: ReferenceFrame, mask: Bool) -> None:
         rng = np.random.default_rng(0)
@@ -157,7 +175,7 @@ class Finish:
         edges_due = is_early or memory.clock.is_due(kept.sharpness_seen + LIMITS.every_seconds)
         grain_due = memory.clock.is_due(kept.grain_seen + LIMITS.every_seconds)
         if edges_due:
-            kept.edges = gradient_energy(roi)
+            kept.edges = self._energy(face)
         if grain_due:
             kept.grain = grain_energy(roi)
 
@@ -174,19 +192,57 @@ class Finish:
                 kept.variance = max(kept.variance + LIMITS.rate * missing, 0.0)
         if kept.edges is not None:
             kept.sharpness_seen = now
-            pair = _beside(kept.edges, gradient_energy(canvas.roi), self._at_edges, mesh, LIMITS.min_inside)
+            pair = _beside(kept.edges, self._energy(face), self._at_edges, mesh, LIMITS.min_inside)
             if pair is not None:
-                there, own = (_typical(energies) for energies in pair)
-                _adjust(kept, float(np.log2(there / own)), now)
+                there, own = (self._typical(energies) for energies in pair)
+                _adjust(kept, float(np.log2(there / own)), now, self._gains)
+
+    def _energy(self, face: FaceInFrame) -> F32:
+        """(h, w) by which faces are compared."""
+        return gradient_energy(face.canvas.roi)
+
+    def _typical(self, energies: F32) -> float:
+        """Of energies (n,): the mean, to which single edges add little."""
+        most = LIMITS.max_excess * mean(energies)
+        return float(mean(np.minimum(energies, most))) + LIMITS.min_energy / 64
 
 
-def _adjust(kept: SurfaceMemory, octaves: float, now: float) -> None:
+class PoreFinish(Finish):
+    """The same for a face whose pores are never stronger than the frame's; folds, features and forms stay."""
+
+    _gains = PORES.gain
+
+    def __init__(self, reference: ReferenceFrame, mask: Bool) -> None:
+        super().__init__(reference, mask)
+        self._width = PORES.band_face_widths * reference.resolution
+        self._skin = 1 - soft_parts(reference, FEATURE_PARTS, GROWTH)
+
+    def sharpen(self, face: FaceInFrame, memory: Memory) -> None:
+        """Weaken the picture's pores."""
+        gain, canvas = memory.surface.gain, face.canvas
+        if gain <= 1 - LIMITS.unseen_gain:
+            share = np.float32(1 - gain) * self._skin
+            smooth = _blurred(canvas.picture, _box(self._width))
+            canvas.picture = np.asarray(cv2.blendLinear(canvas.picture, smooth, 1 - share, share), np.uint8)
+        canvas.contrast *= gain
+
+    def _energy(self, face: FaceInFrame) -> F32:
+        luma = cv2.extractChannel(face.canvas.roi, 0).astype(np.float32)
+        box, side = _box(self._width * face.zoom), (GRAIN.patch_pixels, GRAIN.patch_pixels)
+        band = cv2.GaussianBlur(luma, (0, 0), LIMITS.smoothing_pixels) - cv2.blur(cv2.blur(luma, box), box)
+        return np.asarray(cv2.blur(band * band, side), np.float32)
+
+    def _typical(self, energies: F32) -> float:
+        return quantile(energies, PORES.quantile) + PORES.least_energy
+
+
+def _adjust(kept: SurfaceMemory, octaves: float, now: float, gains: tuple[float, float]) -> None:
     """Make up for a difference of gradient energy: all of it as a face begins, then less and less at once."""
     beyond = octaves - _within(octaves, *LIMITS.slack_octaves)
     early = now < (kept.began or 0.0) + LIMITS.first_seconds - SLACK
     rate = 1.0 if now == kept.began else LIMITS.rate * (2 if early else 1)
     kept.own_share = _within(kept.own_share + rate * (octaves - LIMITS.slack_octaves[1]), 0.0, 1.0)
-    kept.gain = _within(kept.gain * 2 ** (rate * beyond / 2), *LIMITS.gain)
+    kept.gain = _within(kept.gain * 2 ** (rate * beyond / 2), *gains)
 
 
 def _box(sigma: float) -> tuple[int, int]:
@@ -265,11 +321,6 @@ def gradient_energy(picture: U8) -> F32:
     luma = cv2.GaussianBlur(cv2.extractChannel(picture, 0), (0, 0), LIMITS.smoothing_pixels)
     along, down = cv2.spatialGradient(luma)
     return np.asarray((along.astype(np.float32) ** 2 + down.astype(np.float32) ** 2) / 64, np.float32)
-
-
-def _typical(energies: F32) -> float:
-    """The mean of energies (n,), to which single edges add little."""
-    return float(mean(np.minimum(energies, LIMITS.max_excess * mean(energies)))) + LIMITS.min_energy / 64
 
 
 def grain_energy(picture: U8) -> F32:
