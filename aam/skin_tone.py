@@ -148,7 +148,8 @@ def in_shades_of(
 ) -> F32:
     """A neutral texture (h, w, 3) with the smooth shades of another: gloss, flush and shadow go on beyond the face.
 
-    bare : (h, w) share in [0, 1] by which both have bare skin there.   bright : with their brightness, not colour alone.
+    bare : (h, w) share in [0, 1] by which both have bare skin there.
+    bright : with their brightness, not colour alone.
     """
     ratio = _ratio(texture, other, bare, LIMITS.shade_face_widths, reference)
     if not bright:

@@ -100,7 +100,7 @@ def test_detail_is_read_where_the_texture_is() -> None:
     y = np.mgrid[: FRAME.size[0], : FRAME.size[1]].astype(np.float32)[0]
     forehead = Forehead.of(FRAME, REACH)
     fine = cv2.resize(y, (2 * FRAME.size[1], 2 * FRAME.size[0]))
-    coarse = cv2.remap(y, forehead.places, None, cv2.INTER_LINEAR)
+    coarse = cv2.remap(y, forehead.places, None, cv2.INTER_LINEAR) * (1 - forehead.softened)
     inner = np.s_[BROWS_ROW - 9 : BROWS_ROW - 2, MIDDLE]
     assert forehead.detailed(fine)[::2, ::2][inner] == pytest.approx(coarse[inner], abs=1.5)
 

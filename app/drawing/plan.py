@@ -19,8 +19,8 @@ from guise.aam.even_light import even_texture
 from guise.aam.extrapolation import DEFAULT_GATE, Extrapolator
 from guise.aam.glasses import GlassesOnHead, WornGlasses
 from guise.aam.irises import EYES, Irises
-from guise.aam.landmarks.schemes import INNER_LIPS
-from guise.aam.mask import skin_mask
+from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_BROW, RIGHT_BROW
+from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
 from guise.aam.relief import Relief
@@ -29,7 +29,7 @@ from guise.aam.skin_tone import Shades, toned
 from guise.aam.solid_shape import SolidFit
 from guise.aam.view_prior import SideViews
 from guise.app.drawing.donor import Donor
-from guise.app.drawing.face import FEATHER, FaceInFrame
+from guise.app.drawing.face import BROW_REACH, FEATHER, FaceInFrame
 from guise.app.drawing.look import Kind, Look
 from guise.app.drawing.memory import Memory
 from guise.app.drawing.passes.blend import Blend
@@ -140,9 +140,12 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look, *, shows_skin: bool =
     even = own.with_neutral_texture(even_texture(person.identity))
     own_beard, goes_on = beard(person.identity.rest_frame, reference)
     beards = np.zeros_like(own_beard) if goes_on else np.maximum(own_beard, donor.beard)
+    bare = 1 - beards
+    if not shows_skin:  # brows move farther from where theirs were, and the end of one is no shade
+        bare = bare * (1 - soft_parts(reference, (RIGHT_BROW, LEFT_BROW), BROW_REACH))
     of_photo = person.identity.is_of_photo or donor.enrolled.is_of_photo
     shades: Shades = ("all" if of_photo else "own") if shows_skin else "colour"
-    shown = toned(donor.clean.appearance, even, rim=1 - beards, shades=shades)
+    shown = toned(donor.clean.appearance, even, rim=bare, shades=shades)
     relief = Relief.shipped(reference)
     rgb = shown.neutral_texture
     texture = _fitted(person, donor, shown, look)

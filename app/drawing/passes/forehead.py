@@ -111,10 +111,11 @@ class Forehead:
         return np.asarray(cv2.blendLinear(soft, read, self.softened, 1 - self.softened), np.uint8)
 
     def detailed(self, detail: F32) -> F32:
-        """Detail (2 h, 2 w) of such a texture."""
-        height, width = self.softened.shape
-        places = 2 * cv2.resize(self.places, (2 * width, 2 * height)) + np.float32(0.5)
-        return np.asarray(cv2.remap(detail, places, None, cv2.INTER_LINEAR), np.float32)  # type: ignore[call-overload]
+        """Detail (2 h, 2 w) of such a texture; where it is softened there is none."""
+        size = detail.shape[::-1]
+        places = 2 * cv2.resize(self.places, size) + np.float32(0.5)
+        read = cv2.remap(detail, places, None, cv2.INTER_LINEAR)  # type: ignore[call-overload]
+        return np.asarray(read * (1 - cv2.resize(self.softened, size)), np.float32)
 
 
 class Hairline:
