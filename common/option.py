@@ -7,11 +7,15 @@ class Options:
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import Field, dataclass, field, fields
 from types import SimpleNamespace
-from typing import Any, get_type_hints
+from typing import Any, TypeVar, get_type_hints
 
+from guise.common.errors import GuiseError
+
+T = TypeVar("T")
 _KEY = "option"
 
 
@@ -31,6 +35,26 @@ class Option:
     least: float | None = None
     most: float | None = None
 
+    def allows(self, value: float) -> bool:
+        """Whether a number is within the limits; a number that is not one never is."""
+        lowest, highest = self._limits
+        return lowest <= value <= highest
+
+    @property
+    def limits(self) -> str:
+        """In words.
+
+        >>> Option("", least=0, most=1).limits, Option("", least=12).limits
+        ('from 0 to 1', 'at least 12')
+        """
+        lowest, highest = self._limits
+        return f"at least {lowest:g}" if highest == math.inf else f"from {lowest:g} to {highest:g}"
+
+    @property
+    def _limits(self) -> tuple[float, float]:
+        lowest, highest = self.least, self.most
+        return -math.inf if lowest is None else lowest, math.inf if highest is None else highest
+
 
 def option(default: Any, help: str, **more: Any) -> Any:
     """A field with this default that a user may set; `more` as for `Option`."""
@@ -46,3 +70,20 @@ def options_of(kind: type) -> dict[str, tuple[Option, Field[Any], Any]]:
     texts = SimpleNamespace(__annotations__={name: one.type for name, one in found.items()})
     types = get_type_hints(texts, vars(sys.modules[kind.__module__]))
     return {name: (one.metadata[_KEY], one, types[name]) for name, one in found.items()}
+
+
+def made(kind: type[T], **values: Any) -> T:
+    """Options with these values; GuiseError for a number beyond its limits.
+
+    >>> @dataclass(frozen=True)
+    ... class Options:
+    ...     share: float = option(0.5, "A share.", least=0.0, most=1.0)
+    >>> made(Options, share=2)
+    Traceback (most recent call last):
+    guise.common.errors.GuiseError: share must be from 0 to 1, got 2
+    """
+    for name, (told, _, _) in options_of(kind).items():
+        value = values.get(name)
+        if isinstance(value, int | float) and not told.allows(value):
+            raise GuiseError(f"{name} must be {told.limits}, got {value:g}")
+    return kind(**values)

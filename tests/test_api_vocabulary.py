@@ -3,7 +3,9 @@
 import ast
 import re
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 import typer
 
@@ -114,3 +116,19 @@ def test_every_option_that_the_engine_speaks_of_has_its_argument() -> None:
             if wrong:
                 left[place] = wrong
     assert left == {}
+
+
+@pytest.mark.parametrize(
+    ("call", "options", "sentence"),
+    [
+        (guise.Swapper, {"unsure": "show"}, 'unsure must be "cover", "hold" or "leave", got \'show\''),
+        (guise.deidentify, {"region": "nose"}, 'region must be "face" or "head", got \'nose\''),
+        (guise.deidentify, {"cover_strength": 9}, "cover_strength must be from 1 to 5, got 9"),
+        (guise.enroll, {"frames": 2}, "frames must be at least 12, got 2"),
+    ],
+)
+def test_a_value_that_an_option_does_not_take_is_refused(
+    call: Any, options: dict[str, Any], sentence: str
+) -> None:
+    with pytest.raises(guise.GuiseError, match=re.escape(sentence)):
+        call(np.zeros((48, 64, 3), np.uint8), **options)

@@ -60,7 +60,7 @@ def test_values_become_the_options_of_the_engine() -> None:
     ("values", "sentence"),
     [
         ({"audio": "loud"}, "audio is one of keep, drop, mask, disguise, got loud"),
-        ({"alpha": 2}, "alpha is from 0 to 1, got 2"),
+        ({"alpha": 2}, "alpha must be from 0 to 1, got 2"),
         ({"seed": "x"}, "seed cannot be x"),
     ],
 )

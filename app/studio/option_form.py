@@ -75,13 +75,9 @@ def _read(value: Any, name: str, told: Option, hint: Any) -> Any:
         made = kind(value)
     except (TypeError, ValueError) as error:
         raise StudioError(f"{name} cannot be {value}") from error
-    if isinstance(made, int | float) and not _is_within(made, told):
-        raise StudioError(f"{name} is from {told.least:g} to {told.most:g}, got {made:g}")
+    if isinstance(made, int | float) and not told.allows(made):
+        raise StudioError(f"{name} must be {told.limits}, got {made:g}")
     return made
-
-
-def _is_within(value: float, told: Option) -> bool:
-    return (told.least is None or told.least <= value) and (told.most is None or value <= told.most)
 
 
 def _plain(hint: Any) -> Any:

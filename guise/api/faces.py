@@ -105,8 +105,9 @@ def _training(options: dict[str, Any], clip: Path, rest: float | None) -> Traini
     """How the model is made.   rest : seconds into the clip at which the face is at rest, if that is known."""
     from guise.app.enrolment.options import TrainingChoices
     from guise.app.enrolment.rest import frame_at
+    from guise.common.option import made
 
-    training = TrainingChoices(**options).training()
+    training = made(TrainingChoices, **options).training()
     return training if rest is None else replace(training, rest_frame=frame_at(clip, rest).index)
 
 

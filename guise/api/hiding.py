@@ -151,6 +151,7 @@ def _entries(
     from guise.app.deidentify.run.inputs import make_plan, require_possible
     from guise.app.deidentify.run.registry import open_engine
     from guise.app.media.stream_copies import suffix_for
+    from guise.common.option import made
 
     progress, say = watch_of(left)
     overwrite, workers, engine = (
@@ -166,8 +167,8 @@ def _entries(
     times: dict[str, Any] = {
         name: str(left.pop(name)) for name in ("start", "end") if left.get(name) is not None
     }
-    options = DeidentifyOptions(
-        donor=identity, certificate=path_of(certificate), key=path_of(key), encode=encode,
+    options = made(
+        DeidentifyOptions, donor=identity, certificate=path_of(certificate), key=path_of(key), encode=encode,
         gallery=tuple(paths(left.pop("gallery", ()))), keyfile=path_of(left.pop("keyfile", None)), **left, **times,
     )  # fmt: skip
     place = None if output is None else os.fspath(output)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, Unpack
 
@@ -148,17 +148,19 @@ def _options(
     left: dict[str, Any], names: Mapping[str, str], input: Any, places: Sequence[str]
 ) -> LiveOptions:
     """The options of a session.   names : of faces, by number; of those of a cast, by = and the person; source."""
-    from guise.app.drawing.look import LIVE, LIVE_CHOICES
+    from guise.app.drawing.look import LIVE, LIVE_CHOICES, DrawingChoices
     from guise.app.live.options import LiveOptions, LiveSettings
+    from guise.common.option import made
 
-    choices = replace(LIVE_CHOICES, **taken(left, DrawOptions))
+    choices = made(DrawingChoices, **asdict(LIVE_CHOICES) | taken(left, DrawOptions))
     mirror = left.pop("mirror", None)
     settings = LiveSettings(
         alpha=choices.alpha, mirror=input is None if mirror is None else mirror, style=left.pop("cover", "mosaic"),
         **{name: left.pop(name) for name in ("mode", "side_by_side", "readout", "unsure") if name in left},
     )  # fmt: skip
     encode = encoding(left, crf=20)
-    return LiveOptions(
+    return made(
+        LiveOptions,
         input=None if input is None else os.fspath(input), outputs=tuple(places),
         identities=tuple(name for key, name in names.items() if key.isdigit()), source=names.get("source"),
         cast={key[1:]: name for key, name in names.items() if key.startswith("=")}, settings=settings,

@@ -116,7 +116,8 @@ def animate_photo(
 
 def _analogy(left: dict[str, Any]) -> Any:
     from guise.app.photos.options import AnalogyOptions
+    from guise.common.option import made
 
     if "open_mouth" in left:
         left["mouth"] = left.pop("open_mouth")
-    return AnalogyOptions(force=left.pop("overwrite", False), **left)
+    return made(AnalogyOptions, force=left.pop("overwrite", False), **left)

@@ -291,10 +291,11 @@ def _settings(options: Any, **more: Any) -> SwapSettings:
     from guise.app.drawing.look import SWAP, DrawingChoices
     from guise.app.media.time_range import TimeRange
     from guise.app.swapping.report import SwapSettings
+    from guise.common.option import made
 
     left: dict[str, Any] = {**options, **more}
     progress, say = watch_of(left)
-    look = DrawingChoices(**taken(left, DrawOptions)).of(SWAP)
+    look = made(DrawingChoices, **taken(left, DrawOptions)).of(SWAP)
     encode = encoding(left)
     times = [None if (at := left.pop(name, None)) is None else str(at) for name in ("start", "end")]
     part = TimeRange.between(times[0], times[1], left.pop("outside", "keep"))

@@ -72,12 +72,30 @@ def call(function: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(function)
     def run(*given: P.args, **options: P.kwargs) -> R:
-        for name in options.keys() - known:
-            raise TypeError(f"{function.__name__}() got an unexpected keyword argument {name!r}")
+        for name, value in options.items():
+            if name not in known:
+                raise TypeError(f"{function.__name__}() got an unexpected keyword argument {name!r}")
+            _require_choice(name, value, known[name])
         with speaking:
             return function(*given, **_watched(options))
 
     return run
+
+
+def _require_choice(name: str, value: object, kind: str) -> None:
+    """Raise GuiseError for a value that is none of those of a parameter's type, as it is written.
+
+    >>> _require_choice("eyes", "own", "Literal['donor', 'source'] | None")
+    Traceback (most recent call last):
+    guise.common.errors.GuiseError: eyes must be "donor" or "source", got 'own'
+    """
+    found = re.fullmatch(r"Literal\[(.*?)\]( \| None)?", kind)
+    if found is None or (value is None and found[2]):
+        return
+    able = re.findall(r"[^\s,'\"]+", found[1])
+    if value not in able:
+        *others, last = [f'"{one}"' for one in able]
+        raise GuiseError(f"{name} must be {', '.join(others)} or {last}, got {value!r}")
 
 
 def parameters_of(function: Callable[..., Any]) -> dict[str, str]:
