@@ -375,7 +375,7 @@ def test_somebody_else_is_offered_an_enrolment(browser: Any, server: StudioServe
         choose(page, "Camera", "The clip talk")
         choose(page, "Who is at the camera", "Robin")
         page.get_by_role("button", name="Start").click()
-        page.get_by_role("button", name="This is not Robin? Enroll me").click(timeout=TIMEOUT_MS)
+        page.get_by_role("button", name="Not Robin? Enroll me").click(timeout=TIMEOUT_MS)
         until(page, lambda: "covered" not in page.get_by_role("status").first.inner_text(), "enrolling")
         page.get_by_label("Enrollment").wait_for()
 

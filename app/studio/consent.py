@@ -8,10 +8,10 @@ from nicegui import ui
 
 AGREED = "consent"  # the setting
 CONSENT = (
-    "Guise changes faces in your own videos and photos, and in front of your own camera. Everything stays in a folder "
+    "Guise changes faces in your own videos and photos, and at your own camera. Everything stays in a folder "
     "on this computer that only you can read. Nothing is sent anywhere, and you can delete all of it here.",
-    "Change and show faces only of people who agreed, and tell people it is synthetic: files made here are marked as "
-    "such. The built-in faces belong to nobody.",
+    "Change and show only the faces of people who agreed, and tell people it is synthetic: files made here are marked "
+    "as such. The built-in faces are of people who do not exist.",
 )
 SAMPLE_WORDS = "Left: the clip. Right: the same clip with other faces. These people do not exist."
 

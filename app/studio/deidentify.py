@@ -110,14 +110,10 @@ def _for_all(studio: Studio, videos: VideoList) -> None:
                 if faces.value == "cover":
                     choices.actions = dict.fromkeys(choices.actions, "cover")
                 choices.save(folder)
-                _render(studio, job, choices)
+                start_rendering(studio, WORK, job, choices, output=job.result["output"])
             videos.entries.refresh()
 
-        ui.button(f"Render {len(ready)} that are ready", icon="movie", on_click=start)
-
-
-def _render(studio: Studio, job: JobRow, choices: DeidentifyChoices) -> None:
-    start_rendering(studio, WORK, job, choices, output=job.result["output"])
+        ui.button(f"Render all {len(ready)} that are ready", icon="movie", on_click=start)
 
 
 class _ReviewPage(VideoPage):
@@ -139,8 +135,7 @@ class _ReviewPage(VideoPage):
             self._editor.build()
 
     def _render(self, choices: DeidentifyChoices) -> None:
-        _render(self.studio, self.job, choices)
-        self.results.refresh()
+        self.render(choices, output=self.job.result["output"])
 
     def result(self, job: JobRow) -> None:
         tone, headline = HEADLINES[job.result["outcome"]]
@@ -177,7 +172,7 @@ class _ReviewPage(VideoPage):
         with ui.expansion(f"Found by the audit, and covered: {len(covers)}", icon="visibility").classes(
             "w-full"
         ):
-            ui.label("Say which of these is not a face, or is a face to swap, then render again.")
+            ui.label("Mark what is not a face, or is a face to swap, then render again.")
             for cover in covers:
                 with ui.row().classes("w-full items-center"):
                     picture_of_cover(self.studio, folder, cover)

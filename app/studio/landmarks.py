@@ -38,8 +38,8 @@ def _people(studio: Studio) -> None:
     clips = {clip.id for clip in studio.store.clips()}
     people = [person for person in studio.store.people() if person.clip in clips]
     if not people:
-        words = "They belong to people who were learned here from a clip that is still kept."
-        with empty_state("face_retouching_off", "Nobody has landmarks here", words):
+        words = "Learn somebody from a clip first, and keep the clip."
+        with empty_state("face_retouching_off", "No landmarks to correct yet", words):
             ui.link("Learn somebody from a clip", "/people")
     with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2 md:grid-cols-4 mt-4"):
         for person in people:

@@ -257,7 +257,7 @@ class _LivePage:
         if run.latest.result.outcome not in ("covered", "lost"):
             self._seen = time.monotonic()
         person = self._settings.person
-        self._stranger.text = f"This is not {self._cast.people()[person]}? Enroll me"
+        self._stranger.text = f"Not {self._cast.people()[person]}? Enroll me"
         is_unknown = person != NOBODY and time.monotonic() - self._seen > STRANGER_SECONDS
         self._stranger.set_visibility(is_unknown)
 

@@ -97,7 +97,7 @@ class _PeoplePage:
                 self._nobody = empty_state(
                     "person_add",
                     "Nobody yet",
-                    "Add yourself, or somebody who agreed. The command guise people knows them, too.",
+                    "Add yourself, or somebody who agreed. The commands find them by name.",
                 )
                 self._people = ui.element("div").classes("w-full grid gap-4 items-start sm:grid-cols-2")
                 self._clips_heading = heading("Your clips")
@@ -327,7 +327,7 @@ class _PeoplePage:
 
     def _gallery(self) -> None:
         heading("Built-in faces")
-        ui.label("Rendered people who do not exist. Anybody may show their faces.")
+        ui.label("Rendered people who do not exist. You may show these faces freely.")
         with ui.element("div").classes("faces"):
             for id, name in FIRST_NAMES.items():
                 with ui.column().classes("face items-center gap-0"):

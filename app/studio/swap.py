@@ -154,7 +154,7 @@ class _SwapPage(VideoPage):
                     )
                     ui.label(one["why_not"] or seen)
             if not one["why_not"]:
-                faces = {"": "their own face", **self._own_faces(), **self.studio.faces()}
+                faces = {"": "Own face", **self._own_faces(), **self.studio.faces()}
                 chosen, label = self._faces.get(number, ""), f"Face of person {number}"
                 Portraits(self.studio, faces, chosen, label, partial(self._choose, number))
 
@@ -177,8 +177,7 @@ class _SwapPage(VideoPage):
         choices = self._chosen()
         if not choices.faces:
             raise StudioError("choose a face for at least one person")
-        start_rendering(self.studio, WORK, self.job, choices)
-        self.results.refresh()
+        self.render(choices)
 
     def result(self, job: JobRow) -> None:
         folder, facts = self.studio.store.folder_of(job.id), job.result
@@ -187,9 +186,9 @@ class _SwapPage(VideoPage):
             shown(self.studio, after, "The result").classes("full")
             with ui.column().classes("w-full"):
                 ui.label(_sentence(facts, self.is_photo)).props('role="status"')
-                ui.label("The file is marked as synthetic. Tell people it is synthetic, too.").classes(
-                    "opacity-70"
-                )
+                ui.label(
+                    "The file is marked as synthetic. When you share it, tell people it is synthetic."
+                ).classes("opacity-70")
                 for words in _qualities(facts):
                     ui.label(words)
                 download_row(self.studio, {
@@ -198,7 +197,7 @@ class _SwapPage(VideoPage):
                         ("photo" if self.is_photo else "video", facts["output"]), ("report (JSON)", REPORT),
                     )
                 })  # fmt: skip
-                ui.label("Before:")
+                ui.label("Original:")
                 shown(self.studio, before, "The original").classes("w-full rounded")
                 delete = ui.button("Delete this rendering", icon="delete", color=None)
                 delete.on_click(partial(self._remove, job)).props("flat")

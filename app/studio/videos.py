@@ -260,10 +260,12 @@ class VideoPage:
 
     def build(self) -> None:
         """The whole page."""
-        with ui.row().classes("w-full items-center mb-2"):
-            ui.link("All videos and photos", self.work.path)
-            title(self.job.about["name"]).classes("grow break-all")
-            ui.button("Delete", icon="delete", color=None, on_click=self._delete).props("flat")
+        ui.link("All videos and photos", self.work.path)
+        with ui.row().classes("w-full items-center no-wrap gap-2 mb-2"):
+            title(self.job.about["name"]).classes("grow min-w-0 break-words")
+            ui.button("Delete", icon="delete", color=None, on_click=self._delete).props("flat").classes(
+                "shrink-0"
+            )
         self._content()
 
     @property
@@ -275,7 +277,7 @@ class VideoPage:
     def _content(self) -> None:
         job = self.job = self.studio.store.job(self.job.id)
         if not job.ended:
-            ui.label(self.work.finding)
+            ui.label("This takes a few seconds." if self.is_photo else self.work.finding)
             show_job(self.studio, job.id, lambda _: self._content.refresh())
             source = Path(job.about["source"])
             if source.is_relative_to(self.studio.store.folder):  # not that of a review on the command line
@@ -306,6 +308,12 @@ class VideoPage:
             else:
                 with ui.expansion(local_time(job.created), icon="movie", value=place == 0).classes("w-full"):
                     self.result(job)
+
+    def render(self, choices: Any, **more: str) -> None:
+        """Render the video with the user's choices, and show how far that is."""
+        start_rendering(self.studio, self.work, self.job, choices, **more)
+        self.results.refresh()
+        ui.run_javascript("scrollTo(0, 0)")
 
     async def _delete(self) -> None:
         store, source = self.studio.store, Path(self.job.about["source"]).name

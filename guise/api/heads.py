@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     )
 
 R = TypeVar("R", bound="MeshReport")
-Unit = Literal["m", "dm", "cm", "mm", "in"]
 
 
 class MeshOptions(WatchOptions, total=False):
@@ -89,7 +88,7 @@ def transfer_rig(
     target: AnyPath,
     output: AnyPath,
     *,
-    unit: Unit | None = None,
+    unit: Literal["m", "dm", "cm", "mm", "in"] | None = None,
     **options: Unpack[TransferMeshOptions],
 ) -> TransferReport:
     """Carry all morph targets of a head (.glb, .gltf) over to another, with their names.
@@ -111,7 +110,7 @@ def transfer_sequence(
     *,
     fps: float | None = None,
     resume: bool = False,
-    unit: Unit | None = None,
+    unit: Literal["m", "dm", "cm", "mm", "in"] | None = None,
     **options: Unpack[TransferMeshOptions],
 ) -> TransferReport:
     """Carry an animation of one head over to another, frame by frame.
