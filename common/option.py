@@ -83,7 +83,12 @@ def made(kind: type[T], **values: Any) -> T:
     guise.common.errors.GuiseError: share must be from 0 to 1, got 2
     """
     for name, (told, _, _) in options_of(kind).items():
-        value = values.get(name)
-        if isinstance(value, int | float) and not told.allows(value):
-            raise GuiseError(f"{name} must be {told.limits}, got {value:g}")
+        if isinstance(value := values.get(name), int | float):
+            require(name, value, told)
     return kind(**values)
+
+
+def require(name: str, value: float, told: Option) -> None:
+    """Raise GuiseError for a number beyond an option's limits."""
+    if not told.allows(value):
+        raise GuiseError(f"{name} must be {told.limits}, got {value:g}")

@@ -125,6 +125,12 @@ def test_every_option_that_the_engine_speaks_of_has_its_argument() -> None:
         (guise.deidentify, {"region": "nose"}, 'region must be "face" or "head", got \'nose\''),
         (guise.deidentify, {"cover_strength": 9}, "cover_strength must be from 1 to 5, got 9"),
         (guise.enroll, {"frames": 2}, "frames must be at least 12, got 2"),
+        (
+            lambda _, **options: guise.studio(**options),
+            {"port": 99_999},
+            "port must be from 0 to 65535, got 99999",
+        ),
+        (guise.bench, {"frames": 0}, "frames must be at least 20, got 0"),
     ],
 )
 def test_a_value_that_an_option_does_not_take_is_refused(

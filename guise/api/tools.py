@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Unpack
 from guise.api.options import AnyPath, WatchOptions
 from guise.api.pictures import path_of
 from guise.api.vocabulary import call, watch_of
+from guise.common.option import Option, require
 
 if TYPE_CHECKING:
     from guise.app.tools.bench import Timing, WholeFile
@@ -61,6 +62,7 @@ def bench(
     """How fast this computer swaps a clip, by default a sample."""
     from guise.app.tools.bench import measure, measure_file, prepare
 
+    require("frames", frames, Option("", least=20))
     progress, say = watch_of({**options})
     names = [None if name is None else os.fspath(name) for name in (source, identity)]
     path, person, shown = prepare(
@@ -82,6 +84,8 @@ def studio(
     from guise.app.cli.console import Console
     from guise.app.cli.studio import run_studio
 
+    require("port", port, Option("", least=0, most=65_535))
+    require("limit", limit, Option("", least=1))
     _, say = watch_of({**options})
 
     class Told(Console):
