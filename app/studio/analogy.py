@@ -22,7 +22,7 @@ from guise.app.studio.head_points import BACKGROUND, Standing, edit_points, poin
 from guise.app.studio.option_form import PresetChoice, taken
 from guise.app.studio.site import Studio, advanced, choice_row, heading, page, script, sentence, show_job
 from guise.app.studio.store import JobRow, StudioError
-from guise.app.studio.uploads import CLIP, MESH
+from guise.app.studio.uploads import CLIP, MESH, shown
 from guise.app.studio.uploads import PICTURE as IMAGE
 
 PATH = "/analogy"
@@ -174,12 +174,14 @@ class _PhotoForm(_AnalogyForm):
     def _result(self, job: JobRow, folder: Path) -> None:
         made, title = folder / job.result["output"], job.about["title"]
         if made.name == PICTURE:
-            ui.image(self.studio.url(folder / MONTAGE)).props(
-                f'alt="Photos 1, 2, 3 and the result of {title}"'
-            )
-            with ui.row():
-                self._link("Download picture", made, title)
-                self._link("Download all four", folder / MONTAGE, f"{title}, all")
+            with ui.element("div").classes("desk"):
+                shown(self.studio, made, f"The result: {title}").classes("full")
+                with ui.column().classes("w-full"):
+                    shown(self.studio, folder / MONTAGE, "Photos 1, 2, 3 and the result").classes(
+                        "w-full rounded"
+                    )
+                    self._link("Download picture", made, title)
+                    self._link("Download all four", folder / MONTAGE, f"{title}, all")
         else:
             video = ui.video(self.studio.url(made)).classes("w-full").style("max-height: 70vh")
             video.props["aria-label"] = f"The video {title}"

@@ -24,9 +24,8 @@ class FilePicker:
         self._studio, self._kinds, self._several = studio, kinds, several
         with ui.column().classes("w-full min-w-0").props("role=group") as group:
             group.props["aria-label"] = name
-            self._select = ui.select(
-                {}, label=label, multiple=several, on_change=lambda: self._previews.refresh()
-            )
+            self._group = group
+            self._select = ui.select({}, label=label, multiple=several, on_change=self._chose)
             self._select.props(
                 "clearable outlined dense use-chips" if several else "clearable outlined dense"
             )
@@ -63,6 +62,11 @@ class FilePicker:
         chosen = [*chosen, *added] if self._several else [*added, *chosen]
         value = chosen if self._several else next(iter(chosen), None)
         self._select.set_options({id: row.name for id, row in rows.items()}, value=value)
+
+    def _chose(self) -> None:
+        """Show what was chosen; the place for files is smaller then."""
+        self._group.classes(**{"add" if self.chosen else "remove": "picked"})
+        self._previews.refresh()
 
     @ui.refreshable_method
     def _previews(self) -> None:

@@ -168,8 +168,8 @@ def uploader(
             auto_upload=True, multiple=several, max_file_size=studio.limit, on_upload=uploaded
         ).classes("hidden")
         if hint:
-            ui.icon("upload_file", size="3rem").props('aria-hidden="true"').classes("opacity-70")
-            ui.label(hint)
+            ui.icon("upload_file", size="3rem").props('aria-hidden="true"').classes("opacity-70 invitation")
+            ui.label(hint).classes("invitation")
         button = ui.button(label, icon="upload")
     place.props["data-drop"] = str(field.id)
     field.props["accept"] = ",".join(
