@@ -21,10 +21,11 @@ from guise.app.deidentify.stages.head import (
     Plate,
     _continued,
     _face,
-    _without_background,
     knows_head,
 )
 from guise.app.deidentify.stages.head_matte import FoundHead, Gap, find_head, matte
+from guise.app.deidentify.stages.head_still import HeadStill, without_background
+from guise.app.deidentify.stages.neck import necked
 from guise.app.media import Frame
 
 GALLERY = Path(guise.app.__file__).parent / "gallery"
@@ -150,7 +151,7 @@ def test_surroundings_are_not_continued_from_another_head(source: Identity, head
     picture[:, beside:] = 0
     other = Gap(np.ones((height // 8, (width - beside) // 8 + 3), bool), *dark(beside))
     shown = []
-    with HeadPainter(Identity.load(GALLERY / "p02.guise"), "cpu") as painter:
+    with HeadPainter(HeadStill.of("p02"), "cpu") as painter:
         for others in ([], [other]):
             painter._last = None
             shown.append(
@@ -193,7 +194,7 @@ def test_no_shelves_or_pictures_behind_a_donor_are_head(name: str) -> None:
 def test_the_head_is_drawn_and_the_swapped_face_is_kept(source: Identity, head: FoundHead) -> None:
     still = source.rest_frame
     frame = Frame.from_rgb(still.picture)
-    with HeadPainter(Identity.load(GALLERY / "p02.guise"), "cpu") as painter:
+    with HeadPainter(HeadStill.of("p02"), "cpu") as painter:
         gap = Gap.of(head)
         width = np.ptp(still.shape[:, 0])
         painter.draw(frame, still.shape, gap, painter.behind(frame, width, gap, [], None))
@@ -220,7 +221,7 @@ def drawn_turned(painter: HeadPainter, yaw: float) -> tuple[np.ndarray, np.ndarr
 
 
 def test_the_head_lies_behind_its_face_when_it_turns() -> None:
-    with HeadPainter(Identity.load(GALLERY / "p02.guise"), "cpu") as painter:
+    with HeadPainter(HeadStill.of("p02"), "cpu") as painter:
         beyond = []
         for yaw in (-25.0, 0.0, 25.0):
             drawn, mesh = drawn_turned(painter, yaw)
@@ -245,7 +246,8 @@ def test_the_far_edge_of_a_turned_face_stays_as_it_is_drawn(source: Identity) ->
 
 def test_hair_beside_the_forehead_turns_with_the_ears(source: Identity) -> None:
     still = source.rest_frame
-    around = Around(still, matte(HeadParser(), still))
+    cut = HeadStill(still.picture, matte(HeadParser(), still), still.shape)
+    around = Around(cut)
     width = np.ptp(still.shape[:, 0])
     depth = around._depth + np.array([0.4 * width, 0.0])  # what lies behind is seen more to the right
     moved = (around.placed(still.shape, depth) - around.points)[:, 0] / (0.4 * width)
@@ -258,7 +260,7 @@ def test_hair_beside_the_forehead_turns_with_the_ears(source: Identity) -> None:
 
 
 def test_what_was_shown_behind_a_head_stays_and_nothing_that_was_seen() -> None:
-    with HeadPainter(Identity.load(GALLERY / "p02.guise"), "cpu") as painter:
+    with HeadPainter(HeadStill.of("p02"), "cpu") as painter:
         away = np.ones((30, 40), np.float32)
         away[:10] = 0
         painter._last = 4, (10, 20), np.full((30, 40, 3), 100, np.float32), away
@@ -295,6 +297,49 @@ def test_a_still_without_its_background_has_the_colours_of_the_head_only() -> No
     alpha = np.zeros((20, 30), np.float32)
     alpha[4:16, 7:23] = 0.5
     alpha[5:15, 8:22] = 1
-    made = _without_background(picture, alpha)
+    made = without_background(picture, alpha, 0.9)
     np.testing.assert_array_equal(made[5:15, 8:22], picture[5:15, 8:22])
     assert made.max() < 90
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (GALLERY / "heads").glob("*.webp")))
+def test_a_shipped_head_is_whole_and_its_hair_ends_in_strands(name: str) -> None:
+    still = HeadStill.of(name)
+    width = np.ptp(still.shape[:, 0])
+    face = np.zeros(still.alpha.shape, np.uint8)
+    cv2.fillConvexPoly(face, cv2.convexHull(still.shape.astype(np.int32)), 1)
+    assert still.alpha[cv2.erode(face, np.ones((9, 9))) > 0].min() > 0.95
+    assert max(still.alpha[:3].max(), still.alpha[:, :3].max(), still.alpha[:, -3:].max()) < 0.2
+    above = still.alpha[: int(still.shape[:, 1].min())]
+    assert ((above > 0.1) & (above < 0.9)).sum() > 0.01 * (above > 0.9).sum()
+    assert 0.8 < still.alpha.sum() / width**2 < 3.5
+
+
+def test_a_head_drawn_smaller_keeps_its_mean_and_loses_what_would_flicker() -> None:
+    still = HeadStill.of("p01")
+    alpha = still.seen(3.0)[1]
+    assert alpha.mean() == pytest.approx(still.alpha.mean(), rel=0.02)
+    assert np.abs(np.diff(alpha, axis=1)).max() < 0.6 * np.abs(np.diff(still.alpha, axis=1)).max()
+    assert still.seen(0.8)[0] is still.picture
+
+
+def test_the_neck_takes_the_tone_of_the_head_and_clothes_keep_theirs() -> None:
+    mesh = HeadPose(np.eye(3), 120.0, np.array([150.0, 120.0])).apply(SolidPrior.shipped().mean)
+    own = np.full((320, 300, 3), (200, 150, 125), np.uint8)
+    own[:, :90] = own[:, 210:] = (70, 90, 160)
+    head, share = np.full_like(own, (120, 84, 66)), np.zeros((320, 300), np.float32)
+    chin = int(mesh[:, 1].max())
+    share[: chin + 12] = 1
+    made = necked(own, head, share, mesh).astype(int)
+    neck = made[:, 150]
+    assert np.abs(neck[chin + 13] - (120, 84, 66)).max() < 12  # no seam
+    assert np.abs(np.diff(neck[chin + 5 :], axis=0)).max() <= 4
+    np.testing.assert_array_equal(made[-5:], own[-5:])
+    assert np.abs(made[:, :80] - own[:, :80]).max() <= 3
+
+
+def test_a_neck_behind_a_collar_stays_as_it_is() -> None:
+    mesh = HeadPose(np.eye(3), 120.0, np.array([150.0, 120.0])).apply(SolidPrior.shipped().mean)
+    own = np.full((320, 300, 3), (70, 90, 160), np.uint8)
+    head, share = np.full_like(own, (120, 84, 66)), np.ones((320, 300), np.float32)
+    assert necked(own, head, share, mesh) is own

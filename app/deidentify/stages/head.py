@@ -1,7 +1,7 @@
 """Another head in place of the source's: hair, ears and outline too, around a face that has been swapped.
 
-The identity's still is warped so that its face lies on the drawn one, as in `guise.app.swapping.puppet`; its head and
-the source's are found as `head_matte` tells.  What was behind the source's head is a plate where one is known, and
+A still of a head is warped so that its face lies on the drawn one, as in `guise.app.swapping.puppet`; the source's head
+is found as `head_matte` tells.  What was behind the source's head is a plate where one is known, and
 otherwise the surroundings, continued; its neck stays.  Pixels, x right, y down; RGB.
 """
 
@@ -17,12 +17,11 @@ from scipy.spatial import Delaunay
 
 from guise.aam.landmarks.schemes import RIGID_WEIGHTS, SILHOUETTE
 from guise.aam.light import LUMA
-from guise.aam.mask import beyond_mask
-from guise.aam.model import Identity, RestFrame
-from guise.aam.parsing import HeadParser
 from guise.aam.similarity import align_planar
 from guise.aam.solid_shape import SolidPrior
-from guise.app.deidentify.stages.head_matte import FoundHead, Gap, Roi, matte
+from guise.app.deidentify.stages.head_matte import FoundHead, Gap, Roi
+from guise.app.deidentify.stages.head_still import HeadStill
+from guise.app.deidentify.stages.neck import necked
 from guise.app.media import Frame
 from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.closing import Closing
@@ -33,7 +32,6 @@ from guise.render import make_compositor
 class HeadLimits:
     """Sizes and thresholds."""
 
-    sure_share: float = 0.9  # of the head in a pixel of the still, from which its colour is the head's
     max_rim_share: float = (
         0.1  # of where heads end at the latest, above the chin: with more the head is not known
     )
@@ -45,7 +43,7 @@ class HeadLimits:
     light_face_widths: float = 0.15  # over which the light of the drawn face is carried into the head
     light_gain: tuple[float, float] = (0.5, 1.6)
     edge_face_widths: float = 0.06  # from the face's edge to the still points beside it,
-    rings_face_widths: tuple[float, ...] = (0.18, 0.9)  # and to those around the face,
+    rings_face_widths: tuple[float, ...] = (0.18, 1.8)  # and to those around the face,
     depth_face_widths: tuple[float, ...] = (0.04, 0.12, 0.35)  # which lie so far behind that edge,
     ears_face_widths: float = 0.46  # or as far back as ears, where a forehead is turned here, or an ear away
     ears_sines: tuple[float, float] = (-0.1, 0.5)  # of the places of ears on the ellipses
@@ -61,6 +59,7 @@ class HeadLimits:
 
 
 LIMITS = HeadLimits()
+DARK_LEVEL = 48  # of a colour, below which its tint says little
 PLATE_EDGE_PIXELS = 12  # of a plate, about where heads are
 Picture = TypeVar("Picture", U8, F32)
 
@@ -140,24 +139,22 @@ class Behind:
 
 
 class HeadPainter(Closing):
-    """Draws an identity's head around a swapped face; use it by `with`.
+    """Draws a head around a swapped face; use it by `with`.
 
-    identity : whose still has the head.   renderer : see `make_compositor`.
+    still : of the head.   renderer : see `make_compositor`.
     """
 
-    def __init__(self, identity: Identity, renderer: str) -> None:
-        still = identity.rest_frame
-        alpha = matte(HeadParser(), still)
-        self._around = Around(still, alpha)
+    def __init__(self, still: HeadStill, renderer: str) -> None:
+        self._still, self._around = still, Around(still)
         # Index, corner, what was shown behind the head, and where.
         self._last: tuple[int, tuple[int, int], F32, F32] | None = None
-        self._texture = _without_background(still.picture, alpha)
+        self._smaller, self._texture = 0.0, still.picture
         points = np.concatenate([still.shape, self._around.points])
         self._compositor = make_compositor(
             renderer,
             Delaunay(points).simplices.astype(np.int32),
             points.astype(np.float32),
-            alpha,
+            still.alpha,
         )
 
     def behind(
@@ -195,17 +192,31 @@ class HeadPainter(Closing):
             part = made[y - y0 : y - y0 + high, x - x0 : x - x0 + wide]
             filled = np.asarray(cv2.convertScaleAbs(behind.picture), np.uint8)
             part[:] = _mixed(np.ascontiguousarray(part), filled, gap.share(behind.roi))
+        self._look_from(width)
         other = self._compositor.warp((h, w), self._texture, vertices - (x0, y0))
         head = np.asarray(cv2.cvtColor(other, cv2.COLOR_RGBA2RGB), np.uint8)
         face = _face(mesh - (x0, y0), depth, (h, w))
+        if self._still.before is not None:
+            hair = np.repeat(self._still.before[..., None], 3, 2)
+            over = self._compositor.warp((h, w), hair, vertices - (x0, y0))[..., 0]
+            face = np.asarray(face * (1 - over / np.float32(255)), np.float32)
         reduced = max(1.0, width / LIMITS.smooth_face_pixels)
         lit = _lit(head, seen, face, reduced, LIMITS.light_face_widths * width)
-        made = _mixed(made, lit, np.asarray(other[..., 3] / np.float32(255), np.float32))
+        share = np.asarray(other[..., 3] / np.float32(255), np.float32)
+        made = _mixed(necked(made, lit, share, mesh - (x0, y0)), lit, share)
         made = _mixed(made, seen, face)
         stored = frame.read_roi(*roi)
         drawn = np.asarray(cv2.transform(made, frame.colour.from_rgb), np.uint8)
         np.copyto(stored, drawn, where=(made != seen).any(2, keepdims=True))
         frame.write_roi(x0, y0, stored)
+
+    def _look_from(self, width: float) -> None:
+        """Have the still as it is seen with a face of this width, in steps of a tenth."""
+        smaller = 1.1 ** round(np.log(float(np.ptp(self._still.shape[:, 0])) / width) / np.log(1.1))
+        if smaller != self._smaller:
+            self._smaller = smaller
+            self._texture, alpha = self._still.seen(smaller)
+            self._compositor.set_alpha(alpha)
 
     def _steadied(self, behind: F32, index: int, corner: tuple[int, int]) -> F32:
         """What is behind the head (h, w, 3), most of it as it was shown in the frame before.
@@ -230,14 +241,6 @@ class HeadPainter(Closing):
         self._compositor.close()
 
 
-def _without_background(picture: U8, alpha: F32) -> U8:
-    """A still (h, w, 3) in which what isn't wholly head has the colour of the head beside it: no halo surrounds it."""
-    made = picture.reshape(-1, 3).copy()
-    beside, nearest = beyond_mask(alpha > LIMITS.sure_share)
-    made[beside] = made[nearest]
-    return made.reshape(picture.shape)
-
-
 class Around:
     """Points (n, 2) of a still around its face, none far beyond its head, and how they move with the face.
 
@@ -245,7 +248,7 @@ class Around:
     that is turned away.
     """
 
-    def __init__(self, still: RestFrame, alpha: F32) -> None:
+    def __init__(self, still: HeadStill) -> None:
         shape = self._shape = still.shape
         edge, width = shape[SILHOUETTE], float(np.ptp(shape[:, 0]))
         centre, half = (shape.min(0) + shape.max(0)) / 2, np.ptp(shape, axis=0) / 2
@@ -253,9 +256,10 @@ class Around:
         circle = np.column_stack([np.cos(turn), np.sin(turn)])
         outward = (edge - centre) / np.linalg.norm(edge - centre, axis=1, keepdims=True)
         rings = [centre + (half + reach * width) * circle for reach in LIMITS.rings_face_widths]
-        x, y, w, h = cv2.boundingRect((alpha > 0).astype(np.uint8))
+        x, y, w, h = cv2.boundingRect((still.alpha > 0).astype(np.uint8))
         points = np.concatenate([edge + LIMITS.edge_face_widths * width * outward, *rings])
-        self.points = np.clip(points, (x - 1, y - 1), (x + w, y + h))
+        far = np.array(still.alpha.shape[::-1]) - 1
+        self.points = np.clip(points, np.maximum((x - 1, y - 1), 0), np.minimum((x + w, y + h), far))
         near = 1 / (np.square(self.points[:, None] - edge).sum(2) + 1)
         self._near = near / near.sum(1, keepdims=True)
         counts = (len(edge), *(len(ring) for ring in rings))
@@ -368,7 +372,7 @@ def _lit(head: U8, seen: U8, face: F32, factor: float, reach: float) -> U8:
     # What is darker or greyer than skin, as hair is, takes less of its change of brightness or colour.
     as_bright = _as_on_skin(small @ LUMA, weight)
     most = small.max(2)
-    as_coloured = _as_on_skin((most - small.min(2)) / np.maximum(most, 1), weight)
+    as_coloured = _as_on_skin((most - small.min(2)) / np.maximum(most, DARK_LEVEL), weight)
     change = brightness**as_bright * (gain / brightness) ** as_coloured
     left, share = (
         cv2.GaussianBlur(p, (0, 0), max(1.0, reach / factor))

@@ -46,6 +46,8 @@ class MatteLimits:
     neck: float = 0.1  # below the chin, beyond which only hair is head
     overlap: float = 0.04  # of a still's head with the neck, below the jaw,
     fade: float = 0.05  # over which it ends there
+    beside: float = 0.2  # above the chin, where a neck begins beside the jaw,
+    fade_beside: float = 0.15  # and over how much
     hair_fade: float = 0.25  # above the ends of long hair, likewise
     specks: float = 0.027  # narrower ones are no head
     edge: tuple[float, float] = (0.55, 0.95)  # of a soft edge, where the matte begins and is full
@@ -266,11 +268,10 @@ class HeadPlaces:
     def ends(self, hair: F32) -> F32:
         """(h, w) share that is left where the head ends: at the neck, and at the ends of long hair."""
         away = cv2.distanceTransform((~self.face).astype(np.uint8), cv2.DIST_L2, 5) / self.width
-        neck = np.where(
-            self.below_jaw,
-            np.clip(1 - (away - LIMITS.overlap) / LIMITS.fade, 0, 1),
-            self._below_chin < LIMITS.neck,
+        low = np.where(
+            self.below_jaw, 1, np.clip((self._below_chin + LIMITS.beside) / LIMITS.fade_beside, 0, 1)
         )
+        neck = 1 - low * np.clip((away - LIMITS.overlap) / LIMITS.fade, 0, 1)
         falling = np.clip((LIMITS.possible_ellipse[2] - self._down) / LIMITS.hair_fade, 0, 1)
         return np.asarray(np.where(self._long_hair(hair), falling, neck), np.float32)
 

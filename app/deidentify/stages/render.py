@@ -24,6 +24,7 @@ from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.gaps import Gaps
 from guise.app.deidentify.stages.head import Behind, HeadPainter, Plate
 from guise.app.deidentify.stages.head_matte import Gap, find_head
+from guise.app.deidentify.stages.head_still import HeadStill
 from guise.app.deidentify.stages.label import Label
 from guise.app.deidentify.stages.plate import plate_of
 from guise.app.deidentify.stages.smooth import FILTER_CONTEXT_FRAMES, smooth
@@ -149,8 +150,8 @@ class SegmentRenderer(Closing):
 
     def _head(self, track: Track) -> HeadPainter:
         if track.number not in self._heads:
-            donor = open_donor(self._case.heads[track.person])
-            self._heads[track.number] = HeadPainter(donor, self._case.options.renderer)
+            still = HeadStill.of(self._case.heads[track.person])
+            self._heads[track.number] = HeadPainter(still, self._case.options.renderer)
         return self._heads[track.number]
 
     def _open_engine(self, number: int) -> Engine:
