@@ -388,7 +388,7 @@ def test_every_page_asks_for_consent_before_anything_is_made(browser: Any, tmp_p
 def test_pages_fit_a_phone(browser: Any, studio_server: StudioServer, path: str) -> None:
     phone = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
     with visit(browser, studio_server, path, **phone) as page:
-        page.get_by_role("link", name="De-identify").wait_for()
+        page.get_by_role("link", name="De-identify", exact=True).wait_for()
         assert page.evaluate("document.documentElement.scrollWidth") <= 360
         box = page.get_by_role("button", name="Colours").bounding_box()
         assert box["x"] + box["width"] <= 360
