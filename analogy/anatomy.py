@@ -63,6 +63,7 @@ class AnatomyLimits:
     brow_reach: float = 0.3
     brow_height: float = 0.08  # over the skin
     cavity_heights: float = 0.2  # of the mouth's width above and below the lips, which a cavity spans
+    same_box: float = 0.15  # between the sides of boxes of two heads' parts, up to which they are the same
     jaws_apart: float = 0.15  # of the mouth's width, between the middles of upper and lower teeth
     tongue_widths: float = 0.4  # of the mouth, that it is at least wide and long
     tongue_share: float = 0.05  # of its vertices in the middle of its box, from which it is no arch of teeth
@@ -167,7 +168,7 @@ class Component:
     rows: Int
     name: str
     kind: Kind
-    by: Literal["points", "name", "place", "file"]
+    by: Literal["points", "name", "place", "source", "file"]
 
 
 def kind_mask(mesh: Mesh, kinds: Sequence[Kind]) -> Bool:
@@ -199,6 +200,32 @@ def name_components(mesh: Mesh, points: F64, names: Sequence[str] | None = None)
         else:
             found.append(Component(part, name, judge.kind(part), "place"))
     return _with_both_jaws(found, mesh, face)
+
+
+def like_source(
+    parts: Sequence[Component], own: tuple[Mesh, F64], source: Sequence[Component], other: tuple[Mesh, F64]
+) -> list[Component]:
+    """The components of a target; one judged by its place is what the source calls a part of that place and size.
+
+    own, other : mesh and feature points (20, 3) of target and source.
+    """
+    known = [part for part in source if part.by == "name" and part.kind not in SKIN]
+    boxes = np.array([_box(part, *other) for part in known]).reshape(len(known), 6)
+    found = []
+    for part in parts:
+        if part.by == "place" and len(known):
+            away = np.abs(boxes - _box(part, *own)).max(1)
+            if away.min() < ANATOMY.same_box:
+                part = replace(part, kind=known[int(away.argmin())].kind, by="source")
+        found.append(part)
+    return found
+
+
+def _box(part: Component, mesh: Mesh, points: F64) -> F64:
+    """(6,) the box around a component, from the middle between the eyes, in spans."""
+    face = FaceFrame.of(points)
+    placed = (mesh.vertices[part.rows] - face.between_eyes) @ face.axes.T / face.span
+    return np.concatenate([placed.min(0), placed.max(0)])
 
 
 def _split_by_name(mesh: Mesh, part: Int, names: Sequence[str] | None, points: F64) -> list[Component]:

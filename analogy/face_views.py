@@ -80,12 +80,22 @@ def find_face_views(mesh: Mesh) -> Iterator[FaceView]:
         yield from _detect(whole, rough, turns)
         yield from _detect(whole.without_normals(), rough.without_normals(), turns)
         for axes in turns:
-            for view in _head_views(mesh.vertices, boxes, axes):
-                near = whole.crop(view.centre, 1.5 * view.half)
-                if len(near.faces):
-                    yield from _seen_from(view, whole, _decimated(near))
+            yield from _seen_on_heads(whole, boxes, axes)
     yield from _detect(whole, rough, _uniform_rotations())
     yield from _detect(whole.without_normals(), rough.without_normals(), _uniform_rotations())
+
+
+def face_views_along(solid: ViewedMesh, axes: F64) -> Iterator[FaceView]:
+    """Views along axes (3, 3) in which a face is seen, of the whole and of its top."""
+    yield from _detect(solid, _decimated(solid), axes[None])
+    yield from _seen_on_heads(solid, [], axes)
+
+
+def _seen_on_heads(solid: ViewedMesh, boxes: list[tuple[F64, float]], axes: F64) -> Iterator[FaceView]:
+    for view in _head_views(solid.vertices, boxes, axes):
+        near = solid.crop(view.centre, 1.5 * view.half)
+        if len(near.faces):
+            yield from _seen_from(view, solid, _decimated(near))
 
 
 def _detect(solid: ViewedMesh, rough: ViewedMesh, turns: F64) -> Iterator[FaceView]:

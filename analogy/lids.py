@@ -293,12 +293,31 @@ class FacePair:
         margins = 2 * LIDS.columns * len(self.lids) * [LIDS.margin_trust]
         return np.array(points + margins + LIDS.columns * len(self.creases) * [LIDS.crease_trust])
 
+    def margins(self, target: F64) -> F64 | None:
+        """(m, 3) places close together along the margins of the target (N, 3), from corner to corner; None without."""
+        place = dict(zip(FEATURE_POINT_NAMES, self.points[1], strict=True))
+        lines = []
+        for _, eye in self.lids:
+            middle = eye.place(target)[0]
+            side = min(SIDES, key=lambda one: float(np.linalg.norm(place[f"eye_{one}_outer"] - middle)))
+            ends = [place[f"eye_{side}_{end}"] for end in ("outer", "inner")]
+            for curve in (eye.upper.at(target), eye.lower.at(target)):
+                first, last = sorted(ends, key=lambda end: float(np.linalg.norm(end - curve[0])))
+                lines.append(_finer(np.concatenate([[first], curve, [last]])))
+        return np.concatenate(lines) if lines else None
+
     def slits(self, target: F64) -> list[tuple[F64, float]]:
         """Middle (3,) and width of what opens on the target (N, 3): its eyes, and both corners of its mouth."""
         place = dict(zip(FEATURE_POINT_NAMES, self.points[1], strict=True))
         corners = [place[f"mouth_corner_{side}"] for side in SIDES]
         width = LIDS.lip_corner_widths * float(np.linalg.norm(corners[1] - corners[0]))
         return [eye.place(target) for _, eye in self.lids] + [(corner, width) for corner in corners]
+
+
+def _finer(curve: F64) -> F64:
+    """A curve (k, 3) with eight places for each."""
+    fine = np.linspace(0, len(curve) - 1, 8 * len(curve))
+    return np.stack([np.interp(fine, np.arange(len(curve)), column) for column in curve.T], axis=1)
 
 
 def _same_creases(
@@ -412,7 +431,7 @@ class _Drag:
     def __init__(self, vertices: F64, margin: SurfaceCurve, reach: float) -> None:
         self._rest, self._margin, curve = vertices, margin, margin.at(vertices)
         fine = np.linspace(0, len(curve) - 1, 8 * len(curve))
-        line = np.stack([np.interp(fine, np.arange(len(curve)), column) for column in curve.T], axis=1)
+        line = _finer(curve)
         away, near = cKDTree(line).query(vertices, distance_upper_bound=reach)
         self._rows = np.flatnonzero(away < reach)
         self._share = (1 - (away[self._rows] / reach) ** 2) ** 2

@@ -2,7 +2,8 @@
 
 Parts of the mouth that the source has too move as they do there, teeth rigidly.  Of the others, upper teeth stay with
 the skull, lower ones and the tongue move with the lower jaw, whose rigid motion the skin of the chin shows, and a
-cavity lies between.  Shells in front of the eyes, lashes and brows follow the lids and the skin under them.  Eyeballs,
+cavity lies between.  Shells in front of the eyes and lashes follow the margins of the lids, brows the skin under them.
+Eyeballs (`guise.analogy.eyeballs`),
 glasses, hair, clothes and body stay.  What nobody knows keeps its shape and follows the skin close to it as far as that
 moves rigidly.
 """
@@ -70,10 +71,17 @@ class PartMotion:
     still : the other parts stay where they are.
     matched : (N,) bool, vertices of parts that have a counterpart on a part of the source.
     face : of the mesh, if it is known; without it all parts follow the skin.
+    margins : (m, 3) places along the lids, which lashes and the rims of shells follow.
     """
 
     def __init__(
-        self, mesh: Mesh, skin: Bool, still: bool, matched: Bool | None = None, face: FaceFrame | None = None
+        self,
+        mesh: Mesh,
+        skin: Bool,
+        still: bool,
+        matched: Bool | None = None,
+        face: FaceFrame | None = None,
+        margins: F64 | None = None,
     ) -> None:
         self._vertices = mesh.vertices
         self._skin = np.flatnonzero(skin)
@@ -88,11 +96,14 @@ class PartMotion:
         self._matched = [
             _MatchedPart(mesh, part, matched) for part in parts["matched"] if matched is not None
         ]
-        self._cards = np.concatenate([np.empty(0, np.intp), *parts["cards"]])
-        held = np.concatenate([np.empty(0, np.intp), *(part[border[part]] for part in parts["shells"])])
+        rims = [part[border[part]] for part in parts["shells"]]
         on_skin = mesh.faces[skin[mesh.faces].all(1)]
-        self._guided = np.concatenate([self._cards, held])
-        self._under, self._shares = self._beneath(on_skin)
+        at_lids = np.concatenate([np.empty(0, np.intp), *parts["lashes"], *rims])
+        self._guided = np.concatenate([at_lids, *parts["cards"]])
+        points = self._vertices[self._guided]
+        if margins is not None and len(at_lids):
+            points[: len(at_lids)] = margins[cKDTree(margins).query(points[: len(at_lids)])[1]]
+        self._under, self._shares = self._beneath(on_skin, points)
         self._shells = [_ShellFill(mesh, part, border) for part in parts["shells"]]
         self._around = np.array([self._surroundings(part) for part in self._solid], np.intp)
         self._chin = None if face is None else self._chin_skin(face)
@@ -157,9 +168,8 @@ class PartMotion:
             PART_LIMITS.loose_residual,
         )
 
-    def _beneath(self, faces: Int) -> tuple[Int, F64]:
-        """Corners and barycentric weights (n, 3) of the skin point closest to each vertex that the skin guides."""
-        points = self._vertices[self._guided]
+    def _beneath(self, faces: Int, points: F64) -> tuple[Int, F64]:
+        """Corners and barycentric weights (n, 3) of the place of the skin closest to each point (n, 3)."""
         if not len(points):
             return np.empty((0, 3), np.intp), np.empty((0, 3))
         places = Surface(self._vertices, faces, 0.0).closest_points(points, np.zeros_like(points))
@@ -234,7 +244,8 @@ def _among(part: Int, count: int) -> Bool:
 def _parts_by_rule(mesh: Mesh, skin: Bool, border: Bool, matched: Bool | None) -> dict[str, list[Int]]:
     """The parts by what moves them; "still" ones stay."""
     parts: dict[str, list[Int]] = {
-        name: [] for name in ("matched", "cards", "shells", "lower jaw", "between", "solid", "still")
+        name: []
+        for name in ("matched", "cards", "lashes", "shells", "lower jaw", "between", "solid", "still")
     }
     for component in components_of(mesh):
         part = component[~skin[component]]
@@ -253,7 +264,7 @@ def _rule(kind: Kind, *, found: bool, cards: bool) -> str:
     if kind == "other":
         return "cards" if cards else "solid"
     rules: dict[Kind, str] = {
-        "eye shell": "shells", "lashes": "cards", "brows": "cards", "lower teeth": "lower jaw",
+        "eye shell": "shells", "lashes": "lashes", "brows": "cards", "lower teeth": "lower jaw",
         "tongue": "lower jaw", "gums and cavity": "between",
     }  # fmt: skip
     return rules.get(kind, "still")

@@ -13,11 +13,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from guise.aam.similarity import Failed, Similarity, align
 from guise.analogy.anatomy import STILL, FaceFrame, kind_mask, name_components, with_components
 from guise.analogy.baselines import ExpressionCloning, GradientTransfer
+from guise.analogy.carriers import CARRIERS
 from guise.analogy.correspondence import Correspondence
+from guise.analogy.eyeballs import Eyeballs
 from guise.analogy.feature_points import FeaturePointsError, find_feature_points
 from guise.analogy.filling import TensionFill
 from guise.analogy.geometry import vertex_areas
@@ -43,6 +46,9 @@ class TransferSettings:
     max_ring_stretch: float = 2.2  # of a ring on the source, beyond which its correspondence is rejected
     min_ring_stretch: float = 0.28
     max_motion_ratio: float = 1.4  # of any vertex to the source's furthest, scaled
+    seam_spans: float = (
+        0.4  # widths of the eyes from a still body or clothes, over which the skin comes to rest
+    )
     pose_samples: int = 400  # vertices that give the motion of the whole head
 
 
@@ -112,7 +118,13 @@ class Transfer:
         )
         matched = correspondence.found & ~skin_mask(source)[correspondence.corners].any(1)
         frame = FaceFrame.of(face.points[1]) if face else None
-        self._parts = PartMotion(target, on_skin, keep_rigid, matched, frame)
+        margins = face.margins(target.vertices) if face else None
+        self._parts = PartMotion(target, on_skin, keep_rigid, matched, frame, margins)
+        self._eyes = None
+        if face and not keep_rigid and source.kinds is not None and target.kinds is not None:
+            frames = FaceFrame.of(face.points[0]), FaceFrame.of(face.points[1])
+            self._eyes = Eyeballs(source, target, frames, self.pose.rotation)
+        self._held = None if frame is None else _away_from_seam(target, on_skin, frame.span)
         self._unmoved = _apart_from_head(target)
         self._sample = _subsample(np.flatnonzero(skin_mask(source)))
 
@@ -144,7 +156,13 @@ class Transfer:
 
     def _whole(self, motion: Similarity, still: F64, way: F64, skin: F64) -> F64:
         """The target (N_t, 3) by its skin (n, 3), for a source (N_s, 3) moved by ways (N_s, 3) and then as a whole."""
-        made = self._parts(self._in_order(still, self._bounded(skin, way)), self._all @ way)
+        skin = self._in_order(still, self._bounded(skin, way))
+        if self._held is not None:
+            rest = self.target.vertices[self._skin]
+            skin = rest + self._held[:, None] * (skin - rest)
+        made = self._parts(skin, self._all @ way)
+        if self._eyes is not None:
+            made = self._eyes(still, made)
         done = (self.pose @ motion @ self.pose.inverse()).apply(made)
         done[self._unmoved] = self.target.vertices[self._unmoved]
         return done
@@ -269,6 +287,22 @@ def _rms_radius(vertices: F64, weights: F64) -> float:
     """Root mean square distance from the centroid."""
     share = weights / weights.sum()
     return float(np.sqrt(share @ np.square(vertices - share @ vertices).sum(1)))
+
+
+def _away_from_seam(mesh: Mesh, skin: Bool, span: float) -> F64 | None:
+    """(n,) 0 for vertices of the skin where a body or clothes begin, rising to 1 away from there; None without any."""
+    if mesh.kinds is None or not kind_mask(mesh, STILL).any():
+        return None
+    own, still = mesh.vertices[skin], kind_mask(mesh, STILL)
+    crossing = mesh.faces[skin[mesh.faces].any(1) & still[mesh.faces].any(1)]
+    seam = mesh.vertices[np.unique(crossing[skin[crossing]])]
+    reach = CARRIERS.touching * span
+    near = cKDTree(mesh.vertices[still]).query(own, distance_upper_bound=reach)[0] < reach
+    seam = np.concatenate([seam, own[near]])
+    if not len(seam):
+        return None
+    share = np.clip(cKDTree(seam).query(own)[0] / (TRANSFER.seam_spans * span), 0, 1)
+    return np.asarray(share**2 * (3 - 2 * share))
 
 
 def _apart_from_head(mesh: Mesh) -> Int:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import trimesh
 from mesh_work import HEAD, OTHER, SMILE, coarse, points, run, vertices  # noqa: F401
-from test_lids import FACE_POINTS, ball, face, with_parts
+from test_lids import EYES, FACE_POINTS, HALF, ball, face, with_parts
 
+from guise.aam.similarity import Failed
 from guise.analogy.anatomy import (
     KINDS,
     FaceFrame,
@@ -18,8 +19,13 @@ from guise.analogy.anatomy import (
     name_components,
     with_components,
 )
+from guise.analogy.eyeballs import Eyeballs
+from guise.analogy.feature_points import find_feature_points
 from guise.analogy.formats.files import read_mesh
+from guise.analogy.lids import FacePair
+from guise.analogy.mesh import Mesh
 from guise.analogy.parts import PartMotion
+from guise.analogy.suspicions import has_second_face, has_slit
 from guise.common.arrays import F64, Int
 
 NAMES = {
@@ -180,3 +186,73 @@ def test_a_cavity_without_a_counterpart_hangs_between_the_jaws() -> None:
     frame = FaceFrame.of(FACE_POINTS)
     places = frame.mouth + np.array([[1.0], [0], [-1]]) * frame.axes[1]
     np.testing.assert_allclose(frame.lower_share(places), [0, 0.5, 1], atol=1e-6)
+
+
+def turned(degrees: float) -> F64:
+    angle = np.radians(degrees)
+    return np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+
+
+def test_eyeballs_turn_about_their_own_centres_and_never_leave_them() -> None:
+    """Whatever else the source's do; the target is larger."""
+    skin, frame = face(6, 1.0)[0], FaceFrame.of(FACE_POINTS)
+    meshes, rows = zip(
+        *(with_parts(skin, [ball((x, 0, 1.5), size) for x in EYES]) for size in (1.4, 1.8)), strict=True
+    )
+    named = [
+        kinds_by_place(mesh, frame, np.arange(len(mesh.vertices)) < len(skin.vertices)) for mesh in meshes
+    ]
+    shown = named[0].vertices.copy()
+    for part, middle in zip(rows[0], EYES, strict=True):
+        shown[part] = (shown[part] - (middle, 0, 1.5)) @ turned(20).T + (middle, 0, 1.5) + (0, 0.3, 0)
+    made = Eyeballs(*named, (frame, frame), np.eye(3))(shown, named[1].vertices.copy())
+    for part, middle in zip(rows[1], EYES, strict=True):
+        centre = np.array([middle, 0, 1.5])
+        np.testing.assert_allclose(
+            made[part], (named[1].vertices[part] - centre) @ turned(20).T + centre, atol=1e-6
+        )
+
+
+def test_lashes_follow_the_margin_at_which_they_begin() -> None:
+    """Their tips lie over the skin of the upper lid, which moves less."""
+    mesh, shut, _ = face(8, 1.0)
+    x = np.repeat(np.linspace(2.2, 3.8, 9), 2)
+    root = 0.5 * (1 - ((x - 3) / HALF) ** 2)
+    tip = np.tile([0.0, 1.0], 9)
+    card = np.column_stack([x, root + 0.5 * tip, 3.05 - 0.02 * x**2 + 0.3 * tip])
+    quads = np.array([[2 * k, 2 * k + 2, 2 * k + 3, 2 * k + 1] for k in range(8)])
+    whole, (lashes,) = with_parts(mesh, [(card, quads)])
+    skin = np.arange(len(whole.vertices)) < len(mesh.vertices)
+    kinds = np.where(skin, KINDS.index("face skin"), KINDS.index("lashes"))
+    pair = FacePair.of(whole.with_kinds(kinds), whole.with_kinds(kinds), (FACE_POINTS, FACE_POINTS))
+    motion = PartMotion(
+        whole.with_kinds(kinds), skin, still=False, face=FaceFrame.of(FACE_POINTS), margins=pair.margins(whole.vertices)
+    )  # fmt: skip
+    way = motion(shut, np.zeros_like(whole.vertices))[lashes] - card
+    np.testing.assert_allclose(way[1::2], way[::2], atol=0.2)  # tips as roots
+    np.testing.assert_allclose(way[::2, 1][2:-2], -2 * root[::2][2:-2], rtol=0.25)
+
+
+@pytest.mark.slow
+def test_a_second_face_and_lips_of_one_piece_are_seen() -> None:
+    mesh = read_mesh(Path(OTHER)).mesh
+    found = find_feature_points(mesh)
+    assert not isinstance(found, Failed)
+    own = found.positions
+    frame = FaceFrame.of(own)
+    assert not has_second_face(mesh, frame)
+    both = [mesh.vertices, mesh.vertices + np.array([2.5, 0, 0])]
+    assert has_second_face(
+        Mesh.of_triangles(
+            np.concatenate(both), np.concatenate([mesh.faces, mesh.faces + len(mesh.vertices)])
+        ),
+        frame,
+    )
+    assert has_slit(mesh, own)
+    across, up = np.meshgrid(np.linspace(-1, 1, 21), np.linspace(-1, 1, 21))
+    sheet = frame.mouth + frame.mouth_width * (
+        across[..., None] * frame.axes[0] + up[..., None] * frame.axes[1]
+    )
+    ids = np.arange(21 * 21).reshape(21, 21)
+    quads = np.stack([ids[:-1, :-1], ids[:-1, 1:], ids[1:, 1:], ids[1:, :-1]], axis=-1).reshape(-1, 4)
+    assert not has_slit(Mesh(sheet.reshape(-1, 3), np.empty((0, 3), np.intp), quads), own)

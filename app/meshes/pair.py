@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from guise.analogy.formats.files import MeshFile
 from guise.analogy.lids import FacePair
 from guise.analogy.mesh import Mesh, MeshError
 from guise.analogy.rigid import rotation_angle
+from guise.analogy.suspicions import suspicions
 from guise.analogy.tents import vertex_error
 from guise.analogy.transfer import Transfer
 from guise.app.meshes.context import RunContext
@@ -87,14 +88,17 @@ def match_heads(
         return _matched_by_vertices(source, target, options)
     points = feature_points_of_both(source, target, landmarks, context)
     with context.stage(MATCHING):
-        source, _ = name_parts(source, points[0])
-        target, parts = name_parts(target, points[1], options.parts)
         placed = landmarks is not None and set(landmarks) != {AUTO}
         positions = points[0].positions, points[1].positions
+        own = name_parts(source, positions[0])
+        named = name_parts(target, positions[1], options.parts, own)
+        source, target = own.file, named.file
         face = FacePair.of(source.mesh, target.mesh, positions, placed=placed)
         link, quality = _match(source.mesh, target.mesh, face, kind)
+        for sentence in suspicions(source.mesh, target.mesh, positions, link):
+            context.say(sentence)
     facts = {"kind": kind, "found": round(float(link.found.mean()), 4), **quality}
-    return MatchedPair(source, target, points, link, facts, face, parts)
+    return MatchedPair(source, target, points, link, facts, face, named.parts)
 
 
 def _matched_by_vertices(source: MeshFile, target: MeshFile, options: TransferOptions) -> MatchedPair:
@@ -104,12 +108,12 @@ def _matched_by_vertices(source: MeshFile, target: MeshFile, options: TransferOp
     found = find_feature_points(source.mesh)
     if isinstance(found, Failed):
         return MatchedPair(source, target, None, link, facts, None, ())
-    places = target.mesh.vertices[found.vertices]
-    source, _ = name_parts(source, found)
-    target, parts = name_parts(target, replace(found, positions=places), options.parts)
-    positions = source.mesh.vertices[found.vertices], places
+    positions = source.mesh.vertices[found.vertices], target.mesh.vertices[found.vertices]
+    own = name_parts(source, positions[0])
+    named = name_parts(target, positions[1], options.parts, own)
+    source, target = own.file, named.file
     face = FacePair.of(source.mesh, target.mesh, positions)
-    return MatchedPair(source, target, None, link, facts, face, parts)
+    return MatchedPair(source, target, None, link, facts, face, named.parts)
 
 
 def feature_points_of_both(

@@ -10,10 +10,10 @@ from typing import Any, get_args
 
 import numpy as np
 
-from guise.analogy.anatomy import KINDS, Component, Kind, name_components, with_components
-from guise.analogy.feature_points import FeaturePoints
+from guise.analogy.anatomy import KINDS, Component, Kind, like_source, name_components, with_components
 from guise.analogy.formats.files import MeshFile
 from guise.analogy.mesh import MeshError, printable_excerpt
+from guise.common.arrays import F64
 
 HEAD = """# The parts of {path}: change `kind` where it is wrong, and pass this file to --parts.
 # `vertices` holds one vertex of each component, counted from 0 as in the file.
@@ -25,7 +25,7 @@ HEAD = """# The parts of {path}: change `kind` where it is wrong, and pass this 
 class NamedPart:
     """Components of a head that are called the same and are of one kind.
 
-    by : what says so: the feature points, the name, the place in the face, or the user's file.
+    by : what says so: the feature points, the name, the place in the face, the source's names, or the user's file.
     components : how many.   vertices : one of each, counted from 0 as in the file.   size : vertices in all.
     """
 
@@ -37,21 +37,40 @@ class NamedPart:
     vertices: tuple[int, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class NamedHead:
+    """A head whose mesh says what its parts are.   components : of the clean mesh.   points : (20, 3) of the face."""
+
+    file: MeshFile
+    components: list[Component]
+    points: F64
+
+    @property
+    def parts(self) -> tuple[NamedPart, ...]:
+        """For reports: alike components together, the largest first."""
+        return _listed(self.components, self.file)
+
+
 def name_parts(
-    head: MeshFile, points: FeaturePoints, given: Path | None = None
-) -> tuple[MeshFile, tuple[NamedPart, ...]]:
-    """The head with the kinds of its parts, and what they are; `given` : a file of the user's with some of them.
+    head: MeshFile, points: F64, given: Path | None = None, source: NamedHead | None = None
+) -> NamedHead:
+    """The head with the kinds of its parts.
+
+    points : feature points (20, 3).   given : a file of the user's with some of the kinds.
+    source : whose names say what parts in the same places are.
 
     Raises
     ------
     MeshError
         When that file cannot be used.
     """
-    parts = name_components(head.mesh, points.positions, head.part_names)
+    parts = name_components(head.mesh, points, head.part_names)
+    if source is not None:
+        known = source.file.mesh, source.points
+        parts = like_source(parts, (head.mesh, points), source.components, known)
     if given is not None:
         parts = _corrected(parts, head, given)
-    named = head.with_mesh(with_components(head.mesh, parts, points.positions))
-    return named, _listed(parts, head)
+    return NamedHead(head.with_mesh(with_components(head.mesh, parts, points)), parts, points)
 
 
 def parts_toml(path: Path, parts: Sequence[NamedPart]) -> str:

@@ -71,7 +71,7 @@ def write_feature_points(
         points = _find_or_load(head, edit)
         if template is not None:
             points = _refine_by_template(head, points, context.read(template[0]), template[1])
-    parts = name_parts(head, points)[1]
+    parts = name_parts(head, points.positions).parts
     write_whole(output, points.save)
     if parts_file is not None:
         write_whole(parts_file, parts_toml(path, parts))

@@ -37,7 +37,9 @@ def register_files(
         own, other = context.read(template), context.read(target)
     points = feature_points_of_both(own, other, landmarks, context)
     with context.stage(MATCHING):
-        own, other = (name_parts(head, found)[0] for head, found in zip((own, other), points, strict=True))
+        own, other = (
+            name_parts(head, found.positions).file for head, found in zip((own, other), points, strict=True)
+        )
         done = register(own.mesh, other.mesh, (points[0].positions, points[1].positions))
         link = done.correspondence()
     with context.stage("writing"):
