@@ -1,4 +1,4 @@
-"""Eyeballs turn as those of the source do, about their own centres, and never leave them.  Any unit."""
+"""EyeTurns turn as those of the source do, about their own centres, and never leave them.  Any unit."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MAX_BENT = 0.25  # share of the source's motion that is not rigid, beyond which 
 FLAT_DEPTH_WIDTHS = 0.5  # of the eye, of the centre of one that is no ball behind its front
 
 
-class Eyeballs:
+class EyeTurns:
     """Turns the eyeballs of a target.
 
     Parameters

@@ -20,7 +20,7 @@ from guise.analogy.anatomy import STILL, FaceFrame, kind_mask, name_components, 
 from guise.analogy.baselines import ExpressionCloning, GradientTransfer
 from guise.analogy.carriers import CARRIERS
 from guise.analogy.correspondence import Correspondence
-from guise.analogy.eyeballs import Eyeballs
+from guise.analogy.eyeballs import EyeTurns
 from guise.analogy.feature_points import FeaturePointsError, find_feature_points
 from guise.analogy.filling import TensionFill
 from guise.analogy.geometry import vertex_areas
@@ -123,7 +123,7 @@ class Transfer:
         self._eyes = None
         if face and not keep_rigid and source.kinds is not None and target.kinds is not None:
             frames = FaceFrame.of(face.points[0]), FaceFrame.of(face.points[1])
-            self._eyes = Eyeballs(source, target, frames, self.pose.rotation)
+            self._eyes = EyeTurns(source, target, frames, self.pose.rotation)
         self._held = None if frame is None else _away_from_seam(target, on_skin, frame.span)
         self._unmoved = _apart_from_head(target)
         self._sample = _subsample(np.flatnonzero(skin_mask(source)))

@@ -19,7 +19,7 @@ from guise.analogy.anatomy import (
     name_components,
     with_components,
 )
-from guise.analogy.eyeballs import Eyeballs
+from guise.analogy.eyeballs import EyeTurns
 from guise.analogy.feature_points import find_feature_points
 from guise.analogy.formats.files import read_mesh
 from guise.analogy.lids import FacePair
@@ -205,7 +205,7 @@ def test_eyeballs_turn_about_their_own_centres_and_never_leave_them() -> None:
     shown = named[0].vertices.copy()
     for part, middle in zip(rows[0], EYES, strict=True):
         shown[part] = (shown[part] - (middle, 0, 1.5)) @ turned(20).T + (middle, 0, 1.5) + (0, 0.3, 0)
-    made = Eyeballs(*named, (frame, frame), np.eye(3))(shown, named[1].vertices.copy())
+    made = EyeTurns(*named, (frame, frame), np.eye(3))(shown, named[1].vertices.copy())
     for part, middle in zip(rows[1], EYES, strict=True):
         centre = np.array([middle, 0, 1.5])
         np.testing.assert_allclose(

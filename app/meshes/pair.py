@@ -14,6 +14,7 @@ from guise.analogy.feature_points import FeaturePoints, find_feature_points
 from guise.analogy.formats.files import MeshFile
 from guise.analogy.lids import FacePair
 from guise.analogy.mesh import Mesh, MeshError
+from guise.analogy.registration import skin_mask
 from guise.analogy.rigid import rotation_angle
 from guise.analogy.suspicions import suspicions
 from guise.analogy.tents import vertex_error
@@ -97,7 +98,7 @@ def match_heads(
         link, quality = _match(source.mesh, target.mesh, face, kind)
         for sentence in suspicions(source.mesh, target.mesh, positions, link):
             context.say(sentence)
-    facts = {"kind": kind, "found": round(float(link.found.mean()), 4), **quality}
+    facts = {"kind": kind, "found": round(float(link.found[skin_mask(target.mesh)].mean()), 4), **quality}
     return MatchedPair(source, target, points, link, facts, face, named.parts)
 
 
