@@ -113,7 +113,7 @@ class TransferReport(MeshReport):
         )
         return [
             f"{self.output}: {counted(count, self.kind)}{skipped}, {sum(self.seconds.values()):.1f} s",
-            f"  heads matched: {known['kind']}, {known['found']:.1%} of the target's skin has a counterpart on the source",
+            f"  heads matched: {known['kind']}, {known['found']:.1%} of the target's skin has a counterpart",
             *([f"  parts of the target: {parts_line(self.parts)}"] if len(self.parts) > 1 else []),
             *([self._speed()] if self.kind == "frame" else each),
             *([f"  picture: {self.picture}"] if self.picture else []),
