@@ -54,7 +54,9 @@ class LidSettings:
     max_fold_openness: float = 0.3  # beyond it, from which a column shows a fold over the lid
     closing_openness: tuple[float, float] = (0.6, 0.3)  # of the source, from which lids are moved, and fully
     max_fold_columns: int = 2  # more of which leave the lids as they are
-    shut_share: float = 0.85  # of the openness of shut lids, which have thickness, so that none stays open
+    half_shut_share: float = 0.85  # of the openness of lids that still show something of the eye
+    shut_share: float = 0.2  # of that of shut lids, which only have thickness, so that none stays open
+    shut_openness: tuple[float, float] = (0.3, 0.15)  # of lids that are no longer half shut, and shut
     max_closing: float = (
         0.25  # mean of the gap at rest by which lids are moved; eyes that need more close less
     )
@@ -388,7 +390,8 @@ class LidMotion:
         margin = _is_margin(now)
         if closing <= 0 or not (_mostly(_is_margin(shown)) and _mostly(margin)):
             return made
-        excess = np.maximum(now - LIDS.shut_share * np.maximum(shown, middle), 0)
+        part = np.interp(middle, LIDS.shut_openness[::-1], (LIDS.shut_share, LIDS.half_shut_share))
+        excess = np.maximum(now - part * np.maximum(shown, middle), 0)
         wanted = now - excess * min(1.0, LIDS.max_closing / max(float(excess[margin].mean()), 1e-300))
         most = max(float(high.max()), float(low.max())) / self._own.width * self._lids[1].width
         for _ in range(LIDS.rounds):
