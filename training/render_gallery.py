@@ -6,7 +6,8 @@ DIR holds the renderer (see `render_people`), whose skin textures have some 130 
 hold up close, this script adds what is finer: pores, mottling, tiny spots and stubble of the skin by a tiled map in
 the renderer's shader, stray hairs about brows that would end as if drawn, lashes as thin as lashes; and a face at rest
 that neither frowns nor parts its lips.  Each PEOPLE/NAME/talk.mp4 holds visemes, expressions, blinks and turns of the
-head, of 880 x 960 pixels, under soft light from the front, so that a donor brings no shadows along.
+head, of 880 x 960 pixels, under soft light from the front.  What a face looks like at rest is path-traced
+(`trace_gallery`).
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ import av
 import cv2
 import numpy as np
 
-from guise.common.arrays import F32, U8, Bool
+from guise.common.arrays import U8
 from training.gallery_people import gallery_people
+from training.gallery_textures import SEED, TILES, at_rest, fine_skin, grown_brows, thin_lashes
 from training.render_people import load_program
 
 SIZE = 880, 960  # pixels
@@ -28,13 +30,6 @@ JAW_PIXELS = 410.0  # width of the jaw
 FRAMES, FPS = 110, 30
 TURN_DEGREES = 9.0
 AO_DIRECTIONS = 160
-TILE_PIXELS, TILE_MILLIMETRES = 1024, 70.0  # of the map of fine skin; 16 tiles lie across the skin's texture
-TILES = 16
-MILLIMETRE = TILE_PIXELS / TILE_MILLIMETRES
-PORES = 7000  # of a tile
-SPOTS = 90
-OUTER_ENDS = 0.15  # share of the hair at the brows' outer ends, which would look like drawn lines
-SEED = 810_000
 LIGHT = {
     "dir": [(-0.25, 0.55, 1.0), (0.6, 0.25, 0.8), (-0.5, 0.5, -0.6)],
     "col": [(1.05, 1.04, 1.02), (0.55, 0.55, 0.55), (0.4, 0.4, 0.4)],
@@ -64,102 +59,6 @@ def add_fine_skin(render) -> None:
         "uniform sampler2D tex; uniform sampler2D det; uniform float relief, spots, mottle;",
         1,
     )
-
-
-def fine_skin(rng: np.random.Generator) -> U8:
-    """A tile (n, n, 4): gradient of the height, brightness of pores and spots, and mottling; it repeats seamlessly."""
-    height = 0.55 * band(rng, 0.25, 0.6) + 0.35 * band(rng, 0.6, 1.6) - 1.6 * dots(rng, PORES, (0.10, 0.22))
-    across = np.roll(height, -1, 1) - np.roll(height, 1, 1)
-    along = np.roll(height, 1, 0) - np.roll(height, -1, 0)
-    spots = dots(rng, SPOTS, (0.25, 0.6))
-    bright = (
-        0.5 * band(rng, 0.3, 0.8)
-        + 0.5 * band(rng, 0.8, 2.5)
-        - 1.4 * dots(rng, PORES, (0.12, 0.25))
-        - 2.2 * spots
-    )
-    mottle = 0.6 * band(rng, 0.7, 2.0) + 0.8 * band(rng, 2.0, 7.0) + 1.5 * spots
-    planes = [across / across.std() * 0.12, along / along.std() * 0.12, bright * 0.045, mottle * 0.055]
-    return np.asarray(np.clip(np.dstack(planes) + 0.5, 0, 1) * 255 + 0.5, np.uint8)
-
-
-def band(rng: np.random.Generator, fine: float, coarse: float) -> F32:
-    """Noise (n, n) of unit deviation between two widths in millimetres."""
-    noise = rng.standard_normal((TILE_PIXELS, TILE_PIXELS)).astype(np.float32)
-    found = blurred(noise, fine * MILLIMETRE) - blurred(noise, coarse * MILLIMETRE)
-    return np.asarray(found / found.std(), np.float32)
-
-
-def dots(rng: np.random.Generator, count: int, radii: tuple[float, float]) -> F32:
-    """Random soft dots (n, n), 1 in their middles, radii in millimetres."""
-    groups = 4
-    found = np.zeros((TILE_PIXELS, TILE_PIXELS), np.float32)
-    for radius in np.linspace(*radii, groups):
-        sparse = np.zeros_like(found)
-        x, y = rng.integers(0, TILE_PIXELS, (2, count // groups))
-        sparse[y, x] = rng.uniform(0.3, 1.0, len(x))
-        sigma = radius * MILLIMETRE
-        found = np.maximum(found, blurred(sparse, sigma) * np.float32(2 * np.pi * sigma**2))
-    return np.minimum(found, 1)
-
-
-def blurred(picture: F32, sigma: float) -> F32:
-    """Gaussian blur of a tile, across its edges."""
-    edge = int(4 * sigma) + 1
-    wide = cv2.GaussianBlur(np.pad(picture, edge, mode="wrap"), (0, 0), sigma)
-    return np.asarray(wide[edge:-edge, edge:-edge], np.float32)
-
-
-def grown_brows(card: U8, rng: np.random.Generator, hairs: int, inner_ends: float) -> U8:
-    """A texture of two brows (h, w, 4) with thinner hairs, and stray ones about them along the way they grow.
-
-    inner_ends : share of the hair at the brows' inner ends, which grows to all of it within a third of their length.
-    """
-    alpha = card[..., 3].astype(np.float32) / 255
-    gx, gy = (cv2.Sobel(cv2.GaussianBlur(alpha, (0, 0), 0.8), cv2.CV_32F, *d) for d in ((1, 0), (0, 1)))
-    xx, yy, xy = (cv2.GaussianBlur(a * b, (0, 0), 9.0) for a, b in ((gx, gx), (gy, gy), (gx, gy)))
-    way = 0.5 * np.arctan2(2 * xy, xx - yy) + np.pi / 2
-    near = cv2.GaussianBlur(alpha, (0, 0), 4.0)
-    likely = np.clip(near / near.max(), 0, 1) ** 0.5 * (near > 0.02)
-    strays = np.zeros_like(alpha)
-    places = rng.choice(likely.size, hairs, p=(likely / likely.sum()).ravel())
-    for place in places:
-        y, x = divmod(int(place), likely.shape[1])
-        turn = way[y, x] + rng.normal(0, 0.22)
-        points = [np.array([x, y], float)]
-        for _ in range(int(rng.integers(5, 11))):
-            points.append(points[-1] + 2.4 * np.array([np.cos(turn), np.sin(turn)]))
-            turn += rng.normal(0, 0.05)
-        line = np.round(np.array(points) * 16).astype(np.int32)
-        cv2.polylines(strays, [line], False, float(rng.uniform(0.25, 0.75)), 1, cv2.LINE_AA, 4)
-    gaps = cv2.GaussianBlur(rng.standard_normal(alpha.shape).astype(np.float32), (0, 0), 3.0)
-    gaps = np.clip(0.85 + 0.12 * gaps / gaps.std(), 0.25, 1)
-    between = 0.8 * cv2.GaussianBlur(alpha, (0, 0), 5.0)  # hairs beneath, without which gaps look like specks
-    soft = np.maximum(cv2.GaussianBlur(alpha, (0, 0), 0.7) * gaps, between)
-    grown = card.copy()
-    ends = density(card[..., 3] > 12, inner_ends, OUTER_ENDS)
-    grown[..., 3] = np.clip(np.maximum(soft, 0.8 * strays) * ends * 255, 0, 255)
-    grown[..., :3] = np.where(alpha[..., None] > 0.05, card[..., :3], 60)
-    return grown
-
-
-def density(hair: Bool, inner: float, outer: float) -> F32:
-    """(h, w) share of the hair that is left, less at two brows' ends: the upper one's inner is left."""
-    rows, columns = (np.flatnonzero(hair.any(axis)) for axis in (1, 0))
-    along = (np.arange(hair.shape[1]) - columns[0]) / (columns[-1] - columns[0])
-    upper, lower = (np.interp(way, [0, 0.35, 0.6, 1], [inner, 1, 1, outer]) for way in (along, 1 - along))
-    return np.asarray(np.where(np.arange(len(hair))[:, None] < rows.mean(), upper, lower), np.float32)
-
-
-def thin_lashes(card: U8) -> U8:
-    """The texture of the lashes (h, w, 4), each of them thinner, and those of the lower lids fainter."""
-    _, labels, _, centres = cv2.connectedComponentsWithStats((card[..., 3] > 40).astype(np.uint8))
-    lower = centres[:, 1] > 0.57 * len(card)
-    alpha = cv2.erode(card[..., 3], np.ones((2, 2), np.uint8)).astype(np.float32) * 0.8
-    grown = cv2.dilate(lower[labels].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    thin = card.copy()
-    thin[..., 3] = np.where(grown, 0.4 * alpha, alpha)
-    return thin
 
 
 def dress(program, spec: dict, rng: np.random.Generator) -> None:
@@ -211,17 +110,6 @@ def performance(program, rng: np.random.Generator) -> dict:
     acted["yaw"] = TURN_DEGREES * np.sin(2 * np.pi * np.arange(FRAMES) / FRAMES)  # to both sides alike
     acted["weights"][:, -2:] -= np.median(acted["weights"][:, -2:], axis=0)  # of the gaze
     return dict(acted)
-
-
-def at_rest(program, spec: dict, weights: F32) -> F32:
-    """A frame's weights of the expression, on top of a face at rest that neither frowns nor parts its lips."""
-    at, weights = program["human"].UIX, weights.copy()
-    lift, raised = spec.get("inner_brows", 0.8), spec.get("brows_raised", 0.0)
-    for side in ("left", "right"):
-        weights[at[f"eyebrows-{side}-inner-up"]] += lift
-        weights[at[f"eyebrows-{side}-up"]] += raised
-    weights[at["mouth-open"]] -= spec.get("mouth_shut", 0.03)
-    return weights
 
 
 class Studio:
