@@ -30,7 +30,7 @@ from guise.common.errors import GuiseError
 
 IDLE = "Start asks for your camera; no picture leaves this computer."
 UPDATE_SECONDS = 0.5  # between two updates of the page
-MESH_SECONDS = 0.08  # between two of the mesh over the person's own picture
+MESH_SECONDS = 0.15  # between two of the mesh over the person's own picture
 STRANGER_SECONDS = 3.0  # of a covered face, after which it may be somebody else's
 PERMISSION_SECONDS = 120.0  # that the user gets to allow the camera
 SOCKET = "/live/frames/"  # address of the websockets, without the id of a peer

@@ -41,14 +41,15 @@ class Performance:
     def show(self, stats: PipelineStats) -> None:
         """Show the current figures."""
         self._latencies.append(round(stats.latency, 1))
-        self._figures.text = figures(stats)
+        self._figures.set_visibility(True)
+        ui.run_javascript(f"guiseLive.write({self._figures.id}, '{figures(stats)}')")
         if self._graph is not None and self._box.value:  # it costs the browser several pictures
             self._graph.options["series"][0]["data"] = list(self._latencies)
             self._graph.update()
 
     def end(self) -> None:
         """The run has ended."""
-        self._figures.text = ""
+        self._figures.set_visibility(False)
 
     def _plot(self) -> None:
         """Draw the graph once it is asked for: its library is as large as the rest of the page."""

@@ -35,6 +35,7 @@ class Stage:
                     with ui.element("svg").classes("absolute inset-0 w-full h-full") as self._drawing:
                         self._drawing.props('aria-hidden="true" pointer-events="none"')
                         self._mesh = ui.element("path").props('fill="none" stroke="#5af082" d=""')
+                self._path = ""
                 self._clock = ui.label().classes("clock tabular-nums").props("role=timer")
                 self._clock.props["aria-label"] = "Recorded"
             with ui.element("div").classes("words") as self._words:
@@ -87,10 +88,9 @@ class Stage:
 
     def draw_mesh(self, shown: OutputFrame | None) -> None:
         """While somebody is enrolled, draw what was found over their own picture, which no output shows."""
-        path = ""
+        path, size = "", (1, 1)
         if shown is not None and shown.ring is not None and shown.result.mesh is not None:
-            path = mesh_path(shown.result.mesh)
-            self._drawing.props["viewBox"] = f"0 0 {shown.frame.width} {shown.frame.height}"
-        if path != self._mesh.props["d"]:
-            self._mesh.props["d"] = path
-            self._drawing.update()
+            path, size = mesh_path(shown.result.mesh), (shown.frame.width, shown.frame.height)
+        if path != self._path:
+            self._path = path
+            ui.run_javascript(f"guiseLive.outline({self._mesh.id}, '{path}', {size[0]}, {size[1]})")

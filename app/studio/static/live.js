@@ -8,12 +8,13 @@ const BT709 = 1, BT601 = 5; // matrices
 const guiseLive = {
   most: 2, // pictures that the studio may have at once: it works on one while the next one waits
   patience: 1000, // ms without a picture, after which another one is sent all the same
+  pause: 150, // ms between two pictures of the inset; at the camera's rate it costs as much as the result
 
   // Opens camera, microphone and connection; own and result are video elements, lines those that a picture should have.
   // Without own, the studio has another camera.  The answer's "silent" says that the sound that is wanted is missing.
   async begin(own, result, address, withSound, lines) {
     this.end();
-    const session = this.session = { own, result, out: [], count: 0, returned: 0 };
+    const session = this.session = { own, result, out: [], count: 0, returned: 0, glanced: -Infinity };
     try {
       if (!window.VideoFrame) throw new DOMException("", "NotSupportedError");
       await this.open(session, own, withSound, lines);
@@ -38,7 +39,8 @@ const guiseLive = {
     const [camera] = session.stream.getVideoTracks();
     if (!camera) return;
     camera.onended = () => emitEvent("live-camera-ended");
-    own.srcObject = new MediaStream([camera]);
+    if (window.MediaStreamTrackProcessor) session.glance = drawing(own);
+    else own.srcObject = new MediaStream([camera]);
   },
 
   // Offers every picture of the camera, also while the page is in the background, where the browser is able to.
@@ -57,10 +59,14 @@ const guiseLive = {
     session.own.requestVideoFrameCallback(next);
   },
 
-  // Sends a picture, unless the studio still has as many as it may.
+  // Sends a picture, unless the studio still has as many as it may; a few are shown in the inset, too.
   async offer(session, frame) {
-    const number = session.count++;
-    const late = performance.now() - session.returned > this.patience;
+    const number = session.count++, now = performance.now();
+    if (this.session === session && session.glance && now - session.glanced > this.pause) {
+      session.glanced = now;
+      session.glance(frame.clone());
+    }
+    const late = now - session.returned > this.patience;
     if (this.session === session && (session.out.length < this.most || late)) {
       session.out.push(number);
       session.returned = late ? performance.now() : session.returned;
@@ -111,6 +117,14 @@ const guiseLive = {
     const { video, result } = this.popped;
     if (!video.ownerDocument.defaultView) this.popped = undefined;
     else if (video.srcObject !== result.srcObject) video.srcObject = result.srcObject;
+  },
+
+  // Changes an element at once: a change through NiceGUI renders the whole page anew.
+  write(id, text) { getHtmlElement(id).textContent = text; },
+  outline(id, path, width, height) {
+    const line = getHtmlElement(id);
+    line.setAttribute("d", path);
+    line.ownerSVGElement.setAttribute("viewBox", `0 0 ${width} ${height}`);
   },
 
   fillScreen(id) {
