@@ -93,9 +93,9 @@ class TrackEditor:
 
     def _faces_found(self) -> None:
         """The tracks, and what may be a face besides."""
-        if self._tracks:
+        if self._tracks and self._frames > 1:
             ui.label(HINT).classes("opacity-70")
-        else:
+        elif not self._tracks:
             empty_state("person_off", *(COVERED_ONLY if self.covers.covers else NOBODY))
         self._people()
         pages = -(-len(self._tracks) // TRACKS_PER_PAGE)
@@ -175,7 +175,8 @@ class TrackEditor:
         with ui.row().classes("w-full items-center"):
             with ui.column().classes("gap-0 grow basis-60"):
                 title(f"Track {number}", 3)
-                ui.label(_about(track)).classes("opacity-70")
+                seen = _about(track) if self._frames > 1 else f"{track['width']:.0f} pixels wide"
+                ui.label(seen).classes("opacity-70")
                 ui.label(f"Quality: {track_quality(track['width'], track['confidence'])}.")
                 if track["reason"]:
                     ui.label(f"Guise proposes to cover it: {track['reason']}.")
@@ -186,7 +187,8 @@ class TrackEditor:
                 if first <= frame <= last:
                     picture = ui.image(self._studio.url(self._folder / thumbnail(origin, place)))
                     picture.classes("w-20 h-20 rounded").props(f'alt="Track {number}, picture {place + 1}"')
-        with ui.column().classes("w-full gap-0"):
+        with ui.column().classes("w-full gap-0") as when:
+            when.set_visibility(self._frames > 1)
             line = ui.html(self._line(track), sanitize=False).classes("w-full")
             with ui.row().classes("w-full justify-between text-caption opacity-70"):
                 ui.label(clock(0))
