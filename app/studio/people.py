@@ -103,7 +103,7 @@ class _PeoplePage:
                 self._clips_heading = heading("Your clips")
                 self._clips = ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2 md:grid-cols-4")
                 self._gallery()
-            with ui.column().classes("w-full"):
+            with ui.column().classes("w-full") as self._adding:
                 self._add()
         self._poll()
         ui.timer(POLL_SECONDS, self._poll)
@@ -118,6 +118,7 @@ class _PeoplePage:
                    + [(one.id, one, partial(self._person, one)) for one in people])  # fmt: skip
         self._sync(self._clips, [(clip.id, clip, partial(self._clip, clip)) for clip in clips])
         self._nobody.set_visibility(not people and not jobs)
+        self._adding.classes(**{"remove" if people or jobs else "add": "first"})
         self._clips_heading.set_visibility(bool(clips))
 
     def _sync(self, grid: ui.element, wanted: list[tuple[str, Any, Callable[[], None]]]) -> None:
