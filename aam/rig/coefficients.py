@@ -1,0 +1,219 @@
+"""Estimates ARKit's 52 coefficients, and the turn of head and eyes, frame by frame from a picture and its 81 points.
+
+A small network (`training/rig_head.py`, `aam/data/rig.md`) tells coefficients from what is seen of eyes, brows and
+mouth, and from how that differs from the same person at rest.  Rest is told by a calibration or estimated on the way,
+as the calmest of what was seen.  A calibration may also hold a linear map of the person's own.  Everything is smoothed
+by the One Euro filter (Casiez, Roussel and Vogel, CHI 2012), which lags by less than a frame.
+
+Blend shapes add up linearly, see Lewis et al., Practice and theory of blendshape facial models (Eurographics 2014).
+Pixels, x right, y down; angles in degrees.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from guise.aam.rig.names import ARKIT_NAMES, FULL_LOOK_DEGREES, INDEX
+from guise.aam.rig.sight import FaceSight, see, window_values
+from guise.aam.solid_shape import SolidTracker
+from guise.common.arrays import F32, F64, U8, Floating
+from guise.common.tuned import derived, tuned
+
+DATA = Path(__file__).parents[1] / "data" / "rig.npz"
+TOLD: tuple[int, ...] = tuple(k for k, name in enumerate(ARKIT_NAMES) if not name.startswith("eyeLook"))
+LOOKS = ("lookRight", "lookUp")  # told beside them: the eyes' turn to the image's right and up, in full looks
+RIGHT, UP = len(TOLD), len(TOLD) + 1
+
+
+class Coefficients(NamedTuple):
+    """A face in one frame.
+
+    weights : (52,) float32 in [0, 1], in the order of `ARKIT_NAMES`.
+    head : (3,) yaw to the image's right, pitch up, roll to the image's right, of the head before the camera.
+    eyes : (2, 3) likewise, of the person's left and right eye in the head; they do not roll.
+    """
+
+    weights: F32
+    head: F64
+    eyes: F64
+
+    @property
+    def named(self) -> dict[str, float]:
+        """The weights by name."""
+        return dict(zip(ARKIT_NAMES, self.weights.tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class Smoothing:
+    """The One Euro filter's cut-off at rest, what speed adds to it, and that of the speed itself."""
+
+    cutoff_hertz: float = tuned(3.0, "hertz", "rig.coefficients")
+    per_speed: float = tuned(12.0, "hertz per unit a second", "rig.coefficients")
+    speed_hertz: float = derived(1.0, "hertz", "the paper's value")
+
+
+@dataclass(frozen=True)
+class RigRestLimits:
+    """How rest is estimated while there is no calibration."""
+
+    calm: float = tuned(
+        0.12, "coefficients", "rig.coefficients"
+    )  # above the calmest so far, what still counts as rest
+    first_share: float = derived(1.0, "share", "the first frame is all that is known")
+    memory_frames: int = tuned(40, "frames", "rig.coefficients")  # over which rest is averaged
+
+
+SMOOTHING, REST = Smoothing(), RigRestLimits()
+
+
+@dataclass(frozen=True, eq=False)
+class RigCalibration:
+    """What is known of one person.
+
+    rest : (k,) components of their sight at rest.   linear : (47, 46): told at 0 and 1 -> coefficients and gaze.
+    """
+
+    rest: F32
+    linear: F32 | None = None
+
+
+class RigEstimator:
+    """Coefficients of one person, frame by frame; used by one thread.
+
+    Parameters
+    ----------
+    calibration : RigCalibration, optional
+        Without one, rest is estimated from what was seen so far.
+    smooth : bool
+    """
+
+    def __init__(self, calibration: RigCalibration | None = None, *, smooth: bool = True) -> None:
+        self.calibration = calibration
+        self._network = shipped()
+        self._heads = SolidTracker()
+        self._rest = Rest(calibration)
+        self._filter = OneEuro() if smooth else None
+
+    def __call__(self, rgb: U8, points: Floating, seconds: float) -> Coefficients:
+        """Of a face with points (81, 2) in a picture (h, w, 3), shown at a time."""
+        components, head = self.components(rgb, points)
+        told = self._rest.tell(self._network, components)
+        if self.calibration is not None and self.calibration.linear is not None:
+            told = np.append(told, np.float32(1)) @ self.calibration.linear
+        values = np.concatenate([told, head / 90])
+        if self._filter is not None:
+            values = self._filter(values, seconds)
+        return coefficients(values[:-3], values[-3:] * 90)
+
+    def components(self, rgb: U8, points: Floating) -> tuple[F32, F64]:
+        """Components (k,) of what is seen, and the head's yaw, pitch and roll."""
+        exact: F64 = np.asarray(points, np.float64)
+        pose = self._heads.update(exact).pose
+        return self._network.components(see(rgb, exact, pose)), np.array(pose.angles)
+
+
+class Rest:
+    """What a person looks like at rest, as told or as the calmest of what was seen."""
+
+    def __init__(self, calibration: RigCalibration | None) -> None:
+        self._known = None if calibration is None else calibration.rest
+        self._seen: F32 | None = None
+        self._least, self._count = np.inf, 0
+
+    def tell(self, network: RigNetwork, components: F32) -> F32:
+        """Coefficients and gaze (46,) of a sight's components (k,)."""
+        if self._known is not None:
+            return network.tell(components, self._known)
+        alone = network.tell(components, None)
+        moved = float(np.abs(alone[: len(TOLD)]).sum()) + float(np.abs(alone[len(TOLD) :]).sum())
+        self._least = min(self._least, moved)
+        if self._seen is None or moved < self._least + REST.calm:
+            self._count = min(self._count + 1, REST.memory_frames)
+            old = components if self._seen is None else self._seen
+            self._seen = np.asarray(old + (components - old) / self._count, np.float32)
+        return network.tell(components, self._seen)
+
+
+@dataclass(frozen=True, eq=False)
+class RigNetwork:
+    """Principal components of a sight, and the network that reads them, as `training/rig_head.py` stores them."""
+
+    arrays: dict[str, F32]
+
+    @property
+    def size(self) -> int:
+        """How many components a sight has."""
+        eye, mouth, shape = (int(self.arrays[name].shape[1]) for name in ("eye", "mouth", "shape"))
+        return 2 * eye + mouth + shape
+
+    def components(self, sight: FaceSight) -> F32:
+        """(k,) of a sight."""
+        a = self.arrays
+        eyes = [(window_values(eye) - a["eye_mean"]) @ a["eye"] for eye in sight.eyes]
+        mouth = (window_values(sight.mouth) - a["mouth_mean"]) @ a["mouth"]
+        return np.concatenate([*eyes, mouth, (sight.shape - a["shape_mean"]) @ a["shape"]])
+
+    def tell(self, own: F32, rest: F32 | None) -> F32:
+        """Coefficients without the looks, then the two of `LOOKS`, (46,), from components (k,) and those at rest."""
+        given = rest is not None
+        away = own - rest if rest is not None else np.zeros_like(own)
+        values = np.concatenate([own, away, np.zeros(len(TOLD) + 2, np.float32), [np.float32(given)]])
+        layers = [name for name in self.arrays if name.startswith("weight")]
+        for k in range(len(layers)):
+            values = values @ self.arrays[f"weight{k}"] + self.arrays[f"bias{k}"]
+            if k + 1 < len(layers):
+                values = np.maximum(values, 0)
+        return np.asarray(values, np.float32)
+
+
+class OneEuro:
+    """The One Euro filter of several values."""
+
+    def __init__(self, settings: Smoothing = SMOOTHING) -> None:
+        self._settings = settings
+        self._last: F64 | None = None
+        self._speed: F64 = np.zeros(0)
+        self._seconds = 0.0
+
+    def __call__(self, values: Floating, seconds: float) -> F64:
+        """The values (n,) at a time, smoothed."""
+        if self._last is None or seconds <= self._seconds:
+            self._last, self._speed = np.array(values, np.float64), np.zeros(len(values))
+        else:
+            step = seconds - self._seconds
+            speed = (values - self._last) / step
+            share = _share(np.full(len(speed), self._settings.speed_hertz), step)
+            self._speed = np.asarray(self._speed + share * (speed - self._speed), np.float64)
+            cutoff = self._settings.cutoff_hertz + self._settings.per_speed * np.abs(self._speed)
+            self._last = np.asarray(self._last + _share(cutoff, step) * (values - self._last), np.float64)
+        self._seconds = seconds
+        return self._last.copy()
+
+
+def _share(cutoff: F64, step: float) -> F64:
+    turn = 2 * np.pi * cutoff * step
+    return np.asarray(turn / (turn + 1))
+
+
+def coefficients(told: Floating, head: F64) -> Coefficients:
+    """Of what the network tells (46,), and the head's angles."""
+    weights = np.zeros(len(ARKIT_NAMES), np.float32)
+    weights[list(TOLD)] = np.clip(told[: len(TOLD)], 0, 1)
+    right, up = float(told[RIGHT]), float(told[UP])
+    for side, outwards in (("Left", right), ("Right", -right)):
+        for way, value in (("Out", outwards), ("In", -outwards), ("Up", up), ("Down", -up)):
+            weights[INDEX[f"eyeLook{way}{side}"]] = min(max(value, 0.0), 1.0)
+    eye = np.array([right, up, 0.0]) * FULL_LOOK_DEGREES
+    return Coefficients(weights, np.asarray(head, np.float64), np.stack([eye, eye]))
+
+
+@cache
+def shipped() -> RigNetwork:
+    """The network that ships with the package."""
+    with np.load(DATA) as stored:
+        return RigNetwork({name: stored[name].astype(np.float32) for name in stored.files})

@@ -1,0 +1,1 @@
+"""Benchmarks of the rig that a face drives."""

@@ -1,0 +1,250 @@
+"""Trains what tells ARKit's coefficients of a face, beside another picture of the same person.
+
+    python -m training.rig_head --sights SIGHTS [SIGHTS ...] --output rig.npz [--steps 3000]
+
+SIGHTS are those of `rig_sights.py`.  What a sight shows (`guise.aam.rig.sight`) is reduced to principal components,
+those of both eyes shared; a small network tells the coefficients from them and from how they differ from those of a
+reference: a picture of the same person in the same sitting whose coefficients it is told, at run time rest.  One time
+in five there is none.  People are mirrored at random.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from guise.aam.landmarks.schemes import MIRROR
+from guise.aam.rig.coefficients import LOOKS, TOLD
+from guise.aam.rig.names import ARKIT_NAMES, FULL_LOOK_DEGREES
+from guise.aam.rig.sight import window_values
+from guise.common.arrays import F32, Int
+
+KEPT = {"eye": 72, "mouth": 88, "shape": 56}  # principal components
+WIDTHS = (192, 128)  # of the hidden layers
+NAMES = [ARKIT_NAMES[k] for k in TOLD]
+OUTPUTS = len(TOLD) + 2  # and the eyes' turn
+GROUPS, PER_GROUP = 48, 12  # in a batch
+ALONE, CALM = 0.2, 0.6  # shares without a reference, and with the calmest picture of the sitting as that
+
+
+class Sights:
+    """All sights in memory, by group; people whose number ends in `first` to `last` - 1."""
+
+    def __init__(self, folders: list[Path], first: int, last: int) -> None:
+        columns: dict[str, list[Any]] = {}
+        for file in sorted(file for folder in folders for file in folder.glob("part_*.npz")):
+            with np.load(file) as stored:
+                kept = (stored["person"] % 10 >= first) & (stored["person"] % 10 < last)
+                for key in stored.files:
+                    columns.setdefault(key, []).append(stored[key][kept])
+        joined = {key: np.concatenate(rows) for key, rows in columns.items()}
+        # as they are, and in a mirror
+        self.shape = np.stack(
+            [joined["shape"].astype(np.float32), _mirrored_shape(joined["shape"].astype(np.float32))]
+        )
+        eyes = np.array([[window_values(eye) for eye in both] for both in joined["eyes"]])
+        self.eyes = np.stack([eyes, eyes[:, ::-1]])
+        mouths = joined["mouth"]
+        self.mouth = np.stack(
+            [[window_values(np.ascontiguousarray(one[:, ::way])) for one in mouths] for way in (1, -1)]
+        )
+        weights = joined["weights"]
+        self.truth = np.column_stack([weights[:, TOLD], weights[:, 52:] / FULL_LOOK_DEGREES]).astype(
+            np.float32
+        )
+        self.glasses = joined["glasses"]
+        order = np.argsort(joined["group"], kind="stable")
+        ends = np.flatnonzero(np.diff(joined["group"][order])) + 1
+        self.groups: list[Int] = [rows for rows in np.split(order, ends) if len(rows) > 3]
+
+    def components(self, basis: dict[str, F32]) -> tuple[Tensor, Tensor]:
+        """Components (2, n, k) and truth (2, n, 46), as they are and in a mirror."""
+        parts = [(self.eyes[:, :, k] - basis["eye_mean"]) @ basis["eye"] for k in (0, 1)]
+        parts += [
+            (self.mouth - basis["mouth_mean"]) @ basis["mouth"],
+            (self.shape - basis["shape_mean"]) @ basis["shape"],
+        ]
+        truth = np.stack([self.truth, self.truth[:, _SWAPPED] * _SIGNS])
+        return torch.from_numpy(np.concatenate(parts, 2)).float(), torch.from_numpy(truth).float()
+
+
+def _mirrored_shape(shape: F32) -> F32:
+    points = shape[:, :-3].reshape(-1, 68, 2)[:, list(MIRROR[:68])] * (-1, 1)
+    return np.concatenate([points.reshape(len(shape), -1), shape[:, -3:] * (-1, 1, -1)], axis=1).astype(
+        np.float32
+    )
+
+
+def _swapped() -> list[int]:
+    found = []
+    for name in NAMES:
+        for one, other in (("Left", "Right"), ("Right", "Left")):
+            if name.endswith(one):
+                name = name[: -len(one)] + other
+                break
+        found.append(NAMES.index(name))
+    return [*found, OUTPUTS - 2, OUTPUTS - 1]
+
+
+_SWAPPED = _swapped()
+_SIGNS = np.array([*[1.0] * (OUTPUTS - 2), -1.0, 1.0])
+
+
+def principal(values: F32, count: int) -> tuple[F32, F32]:
+    """Mean (v,) and the first directions (v, count), each scaled so that its values spread by about one."""
+    middle = values.mean(0)
+    centred = values - middle
+    spread, ways = np.linalg.eigh((centred.T @ centred / len(centred)).astype(np.float64))
+    spread, ways = spread[::-1][:count], ways[:, ::-1][:, :count]
+    return middle.astype(np.float32), (ways / np.sqrt(spread + 0.02 * spread[0])).astype(np.float32)
+
+
+def basis_of(data: Sights) -> dict[str, F32]:
+    """Principal components of all kinds."""
+    made = {}
+    for name, values in (
+        ("eye", data.eyes.reshape(-1, data.eyes.shape[-1])),
+        ("mouth", data.mouth.reshape(-1, data.mouth.shape[-1])),
+        ("shape", data.shape.reshape(-1, data.shape.shape[-1])),
+    ):
+        made[f"{name}_mean"], made[name] = principal(values, KEPT[name])
+    return made
+
+
+def network(inputs: int) -> nn.Sequential:
+    """Components and their difference to the reference's, what is known of that, and whether there is one."""
+    one, two = WIDTHS
+    return nn.Sequential(
+        nn.Linear(2 * inputs + OUTPUTS + 1, one),
+        nn.ReLU(),
+        nn.Dropout(0.1),
+        nn.Linear(one, two),
+        nn.ReLU(),
+        nn.Linear(two, OUTPUTS),
+    )
+
+
+def told(net: nn.Module, own: Tensor, other: Tensor, known: Tensor, given: Tensor) -> Tensor:
+    """Coefficients and gaze (n, 46)."""
+    found: Tensor = net(torch.cat([own, (own - other) * given, known * given, given], 1))
+    return found
+
+
+def _batch(data: Sights, rng: np.random.Generator) -> tuple[Int, Int]:
+    """Rows, and the row that is the reference of each."""
+    rows, others = [], []
+    for g in rng.choice(len(data.groups), min(GROUPS, len(data.groups)), replace=False):
+        group = rng.permutation(data.groups[g])[:PER_GROUP]
+        calm = group[np.argmin(np.abs(data.truth[group, :-2]).sum(1))]
+        others.append(np.where(rng.random(len(group)) < CALM, calm, rng.choice(group, len(group))))
+        rows.append(group)
+    return np.concatenate(rows), np.concatenate(others)
+
+
+def _loss(found: Tensor, truth: Tensor, importance: Tensor) -> Tensor:
+    each = F.smooth_l1_loss(found, truth, reduction="none", beta=0.1)
+    shut = truth[:, [NAMES.index("eyeBlinkLeft"), NAMES.index("eyeBlinkRight")]].mean(1, keepdim=True)
+    look = (1 - shut).clamp(0, 1) ** 2  # shut eyes do not look
+    return torch.cat([each[:, :-2], each[:, -2:] * look * 1.5], 1).mul(importance).mean()
+
+
+@torch.no_grad()
+def figures(net: nn.Module, data: Sights, seen: Tensor, truth: Tensor, alone: bool) -> dict[str, float]:
+    """Correlations of what is told with the truth, of people held out."""
+    net.eval()
+    found, true = [], []
+    for rows in data.groups:
+        calm = rows[np.argmin(np.abs(data.truth[rows, :-2]).sum(1))]
+        others = np.full(len(rows), calm)
+        given = torch.full((len(rows), 1), 0.0 if alone else 1.0)
+        found.append(told(net, seen[0, rows], seen[0, others], truth[0, others], given))
+        true.append(truth[0, rows])
+    a, b = torch.cat(found).numpy(), torch.cat(true).numpy()
+    names = [*NAMES, *LOOKS]
+    return {
+        n: float(np.corrcoef(a[:, k], b[:, k])[0, 1]) for k, n in enumerate(names) if b[:, k].std() > 0.02
+    }
+
+
+SHOWN = {
+    "blink": ("eyeBlinkLeft", "eyeBlinkRight"), "smile": ("mouthSmileLeft", "mouthSmileRight"), "jaw": ("jawOpen",),
+    "pucker": ("mouthPucker",), "up": ("browInnerUp", "browOuterUpLeft", "browOuterUpRight"),
+    "down": ("browDownLeft", "browDownRight"), "gaze": LOOKS,
+}  # fmt: skip
+
+
+def save(path: Path, basis: dict[str, F32], net: nn.Module) -> None:
+    """Write what `guise.aam.rig.coefficients` reads, in float16."""
+    arrays = dict(basis)
+    for k, layer in enumerate(one for one in net.modules() if isinstance(one, nn.Linear)):
+        arrays |= {f"weight{k}": layer.weight.detach().numpy().T, f"bias{k}": layer.bias.detach().numpy()}
+    np.savez_compressed(path, **{name: values.astype(np.float16) for name, values in arrays.items()})  # type: ignore[arg-type]
+
+
+def train(options: argparse.Namespace) -> None:
+    """Learn, and write the figures of people held out every minute."""
+    rng = np.random.default_rng(options.seed)
+    data, held = Sights(options.sights, 0, 9), Sights(options.sights, 9, 10)
+    basis = basis_of(data)
+    (seen, truth), (held_seen, held_truth) = data.components(basis), held.components(basis)
+    print(seen.shape, held_seen.shape, flush=True)
+    net = network(seen.shape[2])
+    average = torch.optim.swa_utils.AveragedModel(
+        net, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(0.995)
+    )
+    optimiser = torch.optim.AdamW(net.parameters(), lr=options.rate, weight_decay=0.03)
+    importance = 1 / (truth[0].std(0) + 0.06)
+    losses = list[float]()
+    for step in range(options.steps):
+        for group in optimiser.param_groups:
+            group["lr"] = (
+                options.rate * min(1, step / 50) * 0.5 * (1 + math.cos(math.pi * step / options.steps))
+            )
+        rows, others = _batch(data, rng)
+        way = int(rng.integers(2))
+        own, other = seen[way, rows], seen[way, others]
+        own, other = (x + 0.1 * torch.randn_like(x) for x in (own, other))
+        given = torch.from_numpy((rng.random((len(rows), 1)) > ALONE).astype(np.float32))
+        net.train()
+        loss = _loss(told(net, own, other, truth[way, others], given), truth[way, rows], importance)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        average.update_parameters(net)
+        losses.append(float(loss.detach()))
+        if step % 500 == 499 or step == options.steps - 1:
+            row = {"step": step + 1, "loss": float(np.mean(losses[-200:]))}
+            for kind, alone in (("", False), ("alone_", True)):
+                found = figures(average.module, held, held_seen, held_truth, alone)
+                row |= {
+                    f"{kind}{k}": float(np.mean([found[n] for n in names if n in found]))
+                    for k, names in SHOWN.items()
+                }
+                row[f"{kind}all"] = float(np.mean(list(found.values())))
+            print(" ".join(f"{k}={v:.3f}" for k, v in row.items()), flush=True)
+            save(options.output, basis, copy.deepcopy(average.module))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sights", type=Path, nargs="+", required=True)
+    parser.add_argument("--output", type=Path, required=True)
+    parser.add_argument("--steps", type=int, default=3000)
+    parser.add_argument("--rate", type=float, default=2e-3)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    torch.manual_seed(options.seed)
+    train(options)
+
+
+if __name__ == "__main__":
+    main()
