@@ -41,6 +41,7 @@ from guise.app.drawing.passes.irises import Gaze, IrisChange, IrisTint
 from guise.app.drawing.passes.light import QuotientLight
 from guise.app.drawing.passes.paper_light import PaperLight
 from guise.app.drawing.passes.place import Place, RigidPlace
+from guise.app.drawing.passes.shades import FrameShades
 from guise.app.drawing.passes.surface import Finish, OwnSkin, PoreFinish
 from guise.app.drawing.passes.texture import Enlargement, PlainTexture, Texture
 from guise.app.drawing.passes.turned import Folds, Silhouette, whole_cosines
@@ -175,6 +176,7 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look, *, shows_skin: bool =
     silhouette, folds = Silhouette(relief, texels), Folds(relief)
     surface = (Finish if shows_skin else PoreFinish)(reference, mask)
     skin = (OwnSkin(relief).add,) if shows_skin else ()
+    shaded = () if shows_skin else (FrameShades(relief).apply,)
     theirs, drawn = ((), EYES) if eyeballs else (EYES, ())  # lids of shut eyes
     apertures = Apertures(reference, person.at_rest, (*own_eyes, *own_mouth), theirs, tint, drawn)
     drawn_brows = DrawnBrows(reference)
@@ -190,7 +192,7 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look, *, shows_skin: bool =
     )  # fmt: skip
     drawing = (
         cover.rims, folds.find, light.apply, blend.scatter, *((hairline.draw,) if hairline else ()),
-        surface.sharpen, folds.smooth, enlargement.enlarge, drawn_brows.keep_thick, surface.add_grain,
+        *shaded, surface.sharpen, folds.smooth, enlargement.enlarge, drawn_brows.keep_thick, surface.add_grain,
         surface.look, *skin, apertures.draw, drawn_brows.cover_own, blend.composite, folds.soften_edges,
         surface.compare, blend.write, *glasses,
     )  # fmt: skip

@@ -94,6 +94,9 @@ class EyeballLimits:
     edge: float = tuned(0.05, "eye widths", "deidentify.expression")
     # their darkness at the upper and the lower lid
     lashes: tuple[float, float] = tuned((0.6, 0.25), "share", "deidentify.expression")
+    # of the skin's redness in the white, and darkness of that at the corners of the eye
+    red: float = tuned(0.12, "share", "deidentify.expression")
+    corner: float = tuned(0.25, "share", "deidentify.expression")
     lid_shade: float = tuned(0.4, "share", "deidentify.expression")  # just below the upper lid
     # place, and standard deviation
     reflection: tuple[float, float, float] = tuned((-0.35, -0.4, 0.13), "radii", "deidentify.expression")
@@ -432,7 +435,7 @@ class Eyeballs:
             outline = mesh[group]
             places, lids = (in_eye(points, outline, width * nose) for points in (part.places(mesh), outline))
             colours = self._shares(places - iris.astype(np.float32)) * np.float32(bright)
-            colours *= _shade(places, lids)[:, None]
+            colours *= _shade(places, lids)[:, None] * _veined(texture[part.beside], places)
             inside = _inside(places, lids)
             dark = np.where(places[:, 1] < 0, *EYEBALL.lashes) * np.exp(inside.clip(max=0) / EYEBALL.edge)
             skin = texture[part.beside] * (1 - dark)[:, None]
@@ -448,6 +451,14 @@ class Eyeballs:
         left, up, width = EYEBALL.reflection
         gleam = np.exp(-((x - left) ** 2 + (y - up) ** 2) / (2 * width**2))
         return np.asarray((seen + gleam * (EYEBALL.reflected - seen)).T, np.float32)
+
+
+def _veined(skin: F32, places: F32) -> F32:
+    """(n, 3) by which whites are darker than their brightest at places (n, 2), and redder, as the skin (m, 3) is."""
+    tone = np.maximum(skin.mean(0), 1)
+    red = 1 + np.float32(EYEBALL.red) * (tone / (tone @ LUMA) - 1)
+    corner = np.minimum(4 * places[:, 0] ** 2, 1)[:, None]
+    return np.asarray((1 - np.float32(EYEBALL.corner) * corner) * red, np.float32)
 
 
 def _inside(places: F32, lids: F32) -> F32:
