@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from guise.api.options import preset
     from guise.api.photos import animate_photo, transfer_photo
     from guise.api.points import VideoFace, VideoLandmarks, landmarks, landmarks_file
+    from guise.api.rigs import rig_from_video, rig_live
     from guise.api.tools import bench, demo, doctor, studio
     from guise.api.videos import Swapper, puppet_file, swap_file, swap_photo
     from guise.api.vocabulary import Cancelled
@@ -82,6 +83,8 @@ __all__ = [
     "read_tracks",
     "register_mesh",
     "rename_person",
+    "rig_from_video",
+    "rig_live",
     "studio",
     "swap_file",
     "swap_photo",
@@ -133,6 +136,7 @@ _HOMES = {
         "landmarks",
         "landmarks_file",
     ),
+    "guise.api.rigs": ("rig_from_video", "rig_live"),
     "guise.api.tools": (
         "bench",
         "demo",

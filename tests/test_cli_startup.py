@@ -55,7 +55,7 @@ def test_help_groups_the_commands(capsys: pytest.CaptureFixture[str]) -> None:
     assert list(groups) == ["Options", *GROUPS] == ["Options", "Faces", "Video", "Live", "Offline", "Tools"]
     assert groups["Faces"] == ["enroll", "info", "landmarks", "people"]
     assert groups["Video"] == ["swap", "puppet", "deidentify", "measure"]
-    assert groups["Live"] == ["live", "studio"]
+    assert groups["Live"] == ["live", "studio", "rig"]
     assert groups["Offline"] == ["analogy"]
     assert groups["Tools"] == ["demo", "doctor", "bench"]
 

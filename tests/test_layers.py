@@ -13,7 +13,7 @@ PACKAGES = ("aam", "analogy", "app", "common", "guise", "render")
 
 _SCIENCE = {"aam", "analogy", "render", "common"}
 _PARTS = {"app.media", "app.people", "app.enrolment", "app.drawing", "app.swapping"}
-_WORK = {"app.live", "app.measure", "app.photos", "app.meshes", "app.landmarks", "app.deidentify"}
+_WORK = {"app.live", "app.rig", "app.measure", "app.photos", "app.meshes", "app.landmarks", "app.deidentify"}
 _DEIDENTIFY = {"app.deidentify", "app.deidentify.report", "app.deidentify.run", "app.deidentify.stages"}
 # A room -> the rooms that it may import.  Imports flow downwards (docs/architecture.md).
 ROOMS = {
@@ -31,6 +31,7 @@ ROOMS = {
     "app.photos": {"aam", "analogy", "common", "app.media", "app.enrolment", "app.people", "app.swapping"},
     "app.meshes": {"aam", "analogy", "render", "common", "app.media"},
     "app.live": _SCIENCE - {"analogy"} | _PARTS,
+    "app.rig": {"aam", "analogy", "common", "app.media", "app.people", "app.meshes", "app.live"},
     "app.deidentify": {"render", "common", "app.media", "app.drawing", "app.swapping"},
     "app.deidentify.stages": {
         "aam",

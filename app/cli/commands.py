@@ -23,7 +23,7 @@ __all__ = ["GROUPS", "Abort", "command_line", "commands"]
 GROUPS: dict[str, dict[str, str]] = {
     "Faces": {"enroll": "faces", "info": "faces", "landmarks": "faces", "people": "people"},
     "Video": {"swap": "video", "puppet": "video", "deidentify": "deidentify", "measure": "measure"},
-    "Live": {"live": "live", "studio": "studio"},
+    "Live": {"live": "live", "studio": "studio", "rig": "rig"},
     "Offline": {"analogy": "analogy"},
     "Tools": {"demo": "tools", "doctor": "tools", "bench": "tools"},
 }

@@ -67,7 +67,7 @@ def live(
     cast = _cast(map, alone=not (named or options.enrol or settings.mode == "puppet"))
     mirrored = options.input is None if mirror is None else mirror
     options = replace(
-        options, outputs=options.outputs or ("window",), size=_size(size), cast=cast,
+        options, outputs=options.outputs or ("window",), size=camera_size(size), cast=cast,
         settings=replace(settings, alpha=drawing.alpha, mirror=mirrored), look=drawing.of(LIVE),
         encode=encoding.options(),
     )  # fmt: skip
@@ -98,7 +98,7 @@ def _cast(map: list[str] | None, *, alone: bool) -> dict[str, str]:
     return cast
 
 
-def _size(text: str) -> tuple[int, int]:
+def camera_size(text: str) -> tuple[int, int]:
     found = re.fullmatch(r"(\d{2,5})x(\d{2,5})", text)
     if found is None:
         raise typer.BadParameter(f"--size must be like 1280x720, got {text!r}")

@@ -66,8 +66,8 @@ def principal_components(ways: F32, exact: float) -> tuple[F64, F64]:
 def add_weight_animation(data: bytes, weights: F64, rate: float) -> bytes:
     """A GLB with morph targets, with an animation of their weights (f, k) at `rate` frames per second."""
     held = GltfContainer.read(data, Path())
-    times = _append_scalars(held, np.arange(len(weights)) / rate)
-    sampler = {"input": times, "output": _append_scalars(held, weights.ravel())}
+    times = append_floats(held, np.arange(len(weights)) / rate)
+    sampler = {"input": times, "output": append_floats(held, weights.ravel())}
     moving = [k for k, mesh in enumerate(held.json["meshes"]) if "targets" in mesh["primitives"][0]]
     nodes = [k for k, node in enumerate(held.json["nodes"]) if node.get("mesh") in moving]
     channels = [{"sampler": 0, "target": {"node": node, "path": "weights"}} for node in nodes]
@@ -75,11 +75,17 @@ def add_weight_animation(data: bytes, weights: F64, rate: float) -> bytes:
     return held.to_glb()
 
 
-def _append_scalars(held: GltfContainer, numbers: F64) -> int:
-    """Append values (n,) as float32; the index of the accessor."""
-    values = numbers.astype(np.float32)
-    ends = {"min": [float(values.min())], "max": [float(values.max())]}
-    view = held.append_view(values.tobytes())
-    entry = {"bufferView": view, "componentType": GL_FLOAT, "count": len(values), "type": "SCALAR", **ends}
+def append_floats(held: GltfContainer, numbers: F64) -> int:
+    """Append values (n,), or quaternions (n, 4), as float32; the index of the accessor."""
+    values = np.ascontiguousarray(numbers, np.float32)
+    rows = values.reshape(len(values), -1)
+    ends = {"min": rows.min(0).tolist(), "max": rows.max(0).tolist()}
+    entry = {
+        "bufferView": held.append_view(values.tobytes()),
+        "componentType": GL_FLOAT,
+        "count": len(values),
+        "type": "VEC4" if values.ndim == 2 else "SCALAR",
+        **ends,
+    }
     held.entries("accessors").append(entry)
     return len(held.json["accessors"]) - 1

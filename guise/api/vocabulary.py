@@ -37,6 +37,8 @@ COMMANDS: dict[str, str] = {
     "measure": "hiding.measure",
     "live": "live.LiveSession",
     "studio": "tools.studio",
+    "rig from-video": "rigs.rig_from_video",
+    "rig live": "rigs.rig_live",
     "analogy image": "photos.transfer_photo",
     "analogy animate": "photos.animate_photo",
     "analogy mesh transfer": "heads.transfer_mesh",

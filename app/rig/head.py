@@ -1,0 +1,172 @@
+"""A head that coefficients drive: a GLB whose morph targets have ARKit's names, maybe with nodes for head and eyes.
+
+Names are matched whatever their case, and with `_L` or `_R` for the side.  Rotations are about the nodes, on top of
+their rest, in the axes of the scene, whose head looks along z.
+"""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from guise.aam.rig.names import INDEX
+from guise.analogy.formats.gltf import scene_parts, target_names
+from guise.analogy.formats.gltf_container import GltfContainer
+from guise.analogy.mesh import MeshError
+from guise.app.meshes.animated_glb import append_floats
+from guise.app.meshes.context import RunContext
+from guise.app.meshes.options import TransferOptions, Unit
+from guise.app.meshes.transferring import transfer_rig
+from guise.app.rig.curves import RigCurves
+from guise.app.rig.turns import gltf_rotation, inverse, rotated
+from guise.common.arrays import F64
+from guise.common.progress import Progress, Say, mute, silent
+from guise.common.samples import samples_folder
+
+SHIPPED = "heads/arkit.glb"  # of the samples
+_PLACES = {
+    re.sub("(left|right)$", lambda side: f"_{side[0][0]}", name.lower()): k for name, k in INDEX.items()
+}
+_BONES = {
+    "head": r"(.*[_:.])?head",
+    "leftEye": r"(.*[_:.])?(left_?eye|eye_?l(eft)?|l_?eye|l_faceeye|eye\.l)",
+    "rightEye": r"(.*[_:.])?(right_?eye|eye_?r(ight)?|r_?eye|r_faceeye|eye\.r)",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class RigHead:
+    """A head.
+
+    Parameters
+    ----------
+    path : that the user gave.   data : bytes of its GLB.
+    places : by node with a mesh, the coefficient of each of its morph targets, -1 for others.
+    nodes : of "head", "leftEye" and "rightEye", those that there are.
+    """
+
+    path: Path
+    data: bytes
+    places: dict[int, list[int]]
+    nodes: dict[str, int]
+
+    @property
+    def shapes(self) -> int:
+        """How many of the 52 it has."""
+        return len({place for places in self.places.values() for place in places} - {-1})
+
+    def animated(self, curves: RigCurves) -> bytes:
+        """The GLB with an animation of its morph targets and nodes, in place of those it had."""
+        held = GltfContainer.read(self.data, self.path.parent)
+        times = append_floats(held, curves.seconds - curves.seconds[0])
+        samplers: list[dict[str, object]] = []
+        channels: list[dict[str, object]] = []
+        for node, path, values in self._driven(held, curves):
+            channels.append({"sampler": len(samplers), "target": {"node": node, "path": path}})
+            samplers.append({"input": times, "output": append_floats(held, values)})
+        held.json["animations"] = [{"name": "face", "samplers": samplers, "channels": channels}]
+        return held.to_glb()
+
+    def _driven(self, held: GltfContainer, curves: RigCurves) -> Iterator[tuple[int, str, F64]]:
+        padded = np.column_stack([curves.weights, np.zeros(len(curves.weights))])
+        for node, places in self.places.items():
+            yield node, "weights", padded[:, places].ravel()
+        above = _rotations_above(held)
+        turns = {"head": curves.head, "leftEye": curves.eyes[:, 0], "rightEye": curves.eyes[:, 1]}
+        for part, node in self.nodes.items():
+            parent, own = above[node]
+            yield (
+                node,
+                "rotation",
+                rotated(own, rotated(parent, rotated(gltf_rotation(turns[part]), inverse(parent)))),
+            )
+
+
+def open_head(
+    path: Path | None, unit: Unit | None = None, progress: Progress = silent, say: Say = mute
+) -> RigHead:
+    """A head from a file, or the one that ships; one without ARKit's morph targets is given those of that one.
+
+    unit : of the file's lengths, where it is given them.
+
+    Raises
+    ------
+    MeshError
+        When it cannot be read, or given them.
+    """
+    if path is None:
+        return _read(shipped_head(), shipped_head())
+    if not path.is_file():
+        raise MeshError(f"{path} does not exist: give a head (.glb, .gltf, .obj, .ply)")
+    if path.suffix.lower() in (".glb", ".gltf"):
+        found = _read(path, path)
+        if found.shapes:
+            return found
+    say(f"{path} has none of ARKit's 52 shapes: they are made for it from the head that ships")
+    with tempfile.TemporaryDirectory() as folder:
+        made = Path(folder) / "rig.glb"
+        transfer_rig(shipped_head(), path, made, TransferOptions(), RunContext(True, progress, say), unit)
+        return _read(made, path)
+
+
+def shipped_head() -> Path:
+    """The head that ships with Guise."""
+    return samples_folder() / SHIPPED
+
+
+def _read(file: Path, path: Path) -> RigHead:
+    try:
+        held = GltfContainer.read(file.read_bytes(), file.parent)
+        places = {
+            part.node: [_place(name) for name in target_names(held, part)]
+            for part in scene_parts(held)
+            if part.targets()
+        }
+        nodes = held.json.get("nodes", [])  # those with a matrix can't be animated
+        names = ["" if "matrix" in node else str(node.get("name", "")).lower() for node in nodes]
+    except MeshError as error:
+        raise MeshError(f"cannot use {path}: {error}") from error
+    bones = {
+        part: next(k for k, name in enumerate(names) if re.fullmatch(pattern, name))
+        for part, pattern in _BONES.items()
+        if any(re.fullmatch(pattern, name) for name in names)
+    }
+    return RigHead(path, held.to_glb(), {k: row for k, row in places.items() if max(row) >= 0}, bones)
+
+
+def _place(name: str) -> int:
+    """The coefficient of a morph target's name, -1 for none.
+
+    >>> _place("EyeBlink_L") == INDEX["eyeBlinkLeft"], _place("Smile")
+    (True, -1)
+    """
+    plain = re.sub("_?(left|right|l|r)$", lambda side: f"_{side[1][0]}", name.rpartition(".")[2].lower())
+    return INDEX.get(name, _PLACES.get(plain, _PLACES.get(name.lower(), -1)))
+
+
+def _rotations_above(held: GltfContainer) -> dict[int, tuple[F64, F64]]:
+    """By node the rotation of its parent in the scene, and its own, quaternions x y z w."""
+    nodes = held.json.get("nodes", [])
+    children = {child for node in nodes for child in node.get("children", [])}
+    found: dict[int, tuple[F64, F64]] = {}
+    waiting = [(k, np.array([0.0, 0, 0, 1])) for k in range(len(nodes)) if k not in children]
+    while waiting:
+        k, parent = waiting.pop()
+        own = _own_rotation(nodes[k])
+        found[k] = parent, own
+        waiting += [(child, rotated(own, parent)) for child in nodes[k].get("children", [])]
+    return found
+
+
+def _own_rotation(node: dict[str, object]) -> F64:
+    if "matrix" not in node:
+        return np.array(node.get("rotation", (0, 0, 0, 1)), np.float64)
+    from scipy.spatial.transform import Rotation
+
+    turned = np.array(node["matrix"], np.float64).reshape(4, 4).T[:3, :3]
+    return np.asarray(Rotation.from_matrix(turned / np.linalg.norm(turned, axis=0)).as_quat())
