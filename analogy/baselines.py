@@ -1,7 +1,9 @@
 """The methods that vertex tents are compared with, on meshes of one topology.
 
 Deformation transfer (Sumner and Popovic 2004) imposes the transformations of the source's triangles on the target's;
-expression cloning (Noh and Neumann 2001) rotates and scales displacements vertex by vertex.  Any unit.
+expression cloning (Noh and Neumann 2001) rotates and scales displacements vertex by vertex.  The deformable model
+(Xiang et al. 2008, section 3.3) takes the source deformed onto the target for the target of a deformation transfer;
+its displacements are then interpolated.  Any unit.
 """
 
 from __future__ import annotations

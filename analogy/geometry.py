@@ -33,6 +33,7 @@ class SamplingSettings:
     long_edge_medians: float = 3.0  # median edge lengths, from which a face gets more samples than its centre
     max_samples_per_edge: int = 8
     candidates: int = 8  # nearest samples whose faces are projected onto
+    points_at_once: int = 20_000  # whose candidates are in memory together
 
 
 SAMPLING = SamplingSettings()
@@ -164,6 +165,15 @@ class Surface:
 
         Among the faces of the nearest samples, the one with the least squared distance of position and normal.
         """
+        count = SAMPLING.points_at_once
+        parts = [
+            self._closest_points(points[first : first + count], normals[first : first + count])
+            for first in range(0, max(len(points), 1), count)
+        ]
+        return SurfacePoints(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+    def _closest_points(self, points: F64, normals: F64) -> tuple[Int, F64, F64, F64]:
+        """Faces, weights, positions and normals of `closest_points`."""
         query = np.concatenate([points, self.normal_weight * normals], axis=1)
         near = self._tree.query(query, k=min(SAMPLING.candidates, len(self.samples)))[1]
         faces = self.sample_faces[near.reshape(len(points), -1)]  # (n, k)
@@ -176,7 +186,7 @@ class Surface:
         far = ((positions - points[:, None]) ** 2).sum(2)
         far += self.normal_weight**2 * ((across - normals[:, None]) ** 2).sum(2)
         best = (np.arange(len(points)), far.argmin(axis=1))
-        return SurfacePoints(faces[best], weights[best], positions[best], across[best])
+        return faces[best], weights[best], positions[best], across[best]
 
     def _interpolate(self, values: F64, faces: Int, weights: F64) -> F64:
         a, b, c = (

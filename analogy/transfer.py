@@ -33,7 +33,7 @@ from guise.analogy.slit_skin import SlitSkin
 from guise.analogy.tents import TentTransfer, VertexTents
 from guise.common.arrays import F64, Bool, Int
 
-Method = Literal["tents", "gradients", "cloning"]
+Method = Literal["tents", "deformable", "gradients", "cloning"]
 TransferMethod = Callable[[list[F64]], list[F64]]
 
 
@@ -61,14 +61,16 @@ class Transfer:
     Parameters
     ----------
     source, target : neutral heads.   correspondence : for each target vertex its point on the source.
-    method : tents (Song et al. 2007), gradients (Sumner and Popovic 2004) or cloning (Noh and Neumann 2001).
+    method : tents (Song et al. 2007), deformable (Xiang et al. 2008), gradients (Sumner and Popovic 2004) or cloning
+        (Noh and Neumann 2001).
     keep_rigid : parts other than the skin (eyes, teeth) keep their place in the head instead of following the skin.
     face : of both heads, if known: lids then meet when they do on the source, and teeth move with their jaws.
+    fitted : (N_s, 3) the source deformed onto the target; `deformable` alone needs it.
 
     Raises
     ------
     MeshError
-        When the correspondence does not fit these heads or matches almost nothing.
+        When the correspondence does not fit these heads or matches almost nothing, or `fitted` is lacking.
     SolverError
         When the system of the target has no unique solution.
 
@@ -89,6 +91,7 @@ class Transfer:
         method: Method = "tents",
         keep_rigid: bool = False,
         face: FacePair | None = None,
+        fitted: F64 | None = None,
     ) -> None:
         self.source, self.target = source, target
         on_skin = skin_mask(target)
@@ -106,6 +109,9 @@ class Transfer:
         self._fill = TensionFill(skin.vertices, skin.rings, found, TRANSFER.fade_length_radii * radius)
         self._neutral = skin.vertices + self._fill(apart)
         self._core = _make_method(method, self._neutral, own, TRANSFER.tent_reach_radii * radius)
+        self._deformed = (
+            _deformed_model(source, self.pose, fitted, skin_mask(source)) if method == "deformable" else None
+        )
         self._skin = on_skin
         lids = face.lids if face else ()
         self._ratios = motion_ratios(lids, source.vertices, target.vertices, self.pose.scale)[on_skin, None]
@@ -150,9 +156,17 @@ class Transfer:
             _require_expression(expressive, self.source)
         motions = [self._motion(expressive) for expressive in expressions]
         stills = [motion.inverse().apply(x) for motion, x in zip(motions, expressions, strict=True)]
-        ways = [(still - self.source.vertices) @ self.pose.linear.T for still in stills]
+        ways = [self._way(still) for still in stills]
         skins = self._core([self._neutral + self._fill(self._ratios * (self._carry @ way)) for way in ways])
         return [self._whole(*parts) for parts in zip(motions, stills, ways, skins, strict=True)]
+
+    def _way(self, still: F64) -> F64:
+        """What an expression (N_s, 3) does, in the target's frame: of the source, its skin by the deformed model."""
+        way = (still - self.source.vertices) @ self.pose.linear.T
+        if self._deformed:
+            skin = skin_mask(self.source)
+            way[skin] = self._deformed(self.pose.apply(still[skin])) - self._deformed.target
+        return way
 
     def _whole(self, motion: Similarity, still: F64, way: F64, skin: F64) -> F64:
         """The target (N_t, 3) by its skin (n, 3), for a source (N_s, 3) moved by ways (N_s, 3) and then as a whole."""
@@ -220,8 +234,8 @@ def prepare_transfer(
         )
         face = FacePair.of(source, target, points)
         points, trust = face.with_margins(source, target), face.trust
-    link = register(source, target, points, trust).correspondence()
-    return Transfer(source, target, link, method, keep_rigid, face)
+    done = register(source, target, points, trust)
+    return Transfer(source, target, done.correspondence(), method, keep_rigid, face, done.fitted)
 
 
 def _feature_points(mesh: Mesh, name: str) -> F64:
@@ -238,10 +252,21 @@ def _make_method(method: Method, source: F64, target: VertexTents, reach: float)
         "gradients": GradientTransfer,
         "cloning": ExpressionCloning,
     }
+    if method == "deformable":  # the deformed model has moved as the target should
+        return lambda expressions: [target.neutral + (expressive - source) for expressive in expressions]
     if method in by_one:
         transfer = by_one[method](source, target.neutral, target.rings)
         return lambda expressions: [transfer(expressive) for expressive in expressions]
-    raise MeshError(f"the method must be tents, gradients or cloning, got {method}")
+    raise MeshError(f"the method must be tents, deformable, gradients or cloning, got {method}")
+
+
+def _deformed_model(source: Mesh, pose: Similarity, fitted: F64 | None, skin: Bool) -> GradientTransfer:
+    """Deformation transfer from the skin of the source, in its pose on the target, to that deformed onto it."""
+    if fitted is None:
+        raise MeshError(
+            "the method deformable needs the source deformed onto the target: take the dense correspondence"
+        )
+    return GradientTransfer(pose.apply(source.vertices[skin]), fitted[skin], submesh(source, skin).rings)
 
 
 def _matched_skin(source: Mesh, target: Mesh, correspondence: Correspondence, skin: Bool) -> Bool:

@@ -122,7 +122,7 @@ def test_without_a_folder_expressions_go_beside_the_target(
     assert [path.name for path in (here / "head_expressions").iterdir()] == ["mean_smile.obj"]
 
 
-@pytest.mark.parametrize("method", ["tents", "gradients", "cloning"])
+@pytest.mark.parametrize("method", ["tents", "deformable", "gradients", "cloning"])
 def test_every_method_gives_a_larger_head_of_the_same_faces_a_larger_smile(
     here: Path, capsys: pytest.CaptureFixture[str], method: str
 ) -> None:

@@ -346,8 +346,21 @@ def test_a_correspondence_that_finds_nothing_is_refused() -> None:
 
 
 def test_another_method_is_refused() -> None:
-    with pytest.raises(MeshError, match="tents, gradients or cloning, got magic"):
+    with pytest.raises(MeshError, match="tents, deformable, gradients or cloning, got magic"):
         Transfer(SOURCE, TARGET, LINK, "magic")  # type: ignore[arg-type]
+
+
+def test_the_deformable_model_moves_as_deformation_transfer_onto_it_says() -> None:
+    """Both are of one topology here, so that nothing is interpolated; it needs the source on the target."""
+    target = SOURCE.with_vertices(SOURCE.vertices * (1.1, 0.9, 1.0))
+    same = Correspondence.identity(len(target.vertices))
+    with pytest.raises(MeshError, match="take the dense correspondence"):
+        Transfer(SOURCE, target, same, "deformable")
+    made, plain = (
+        Transfer(SOURCE, target, same, method, fitted=target.vertices)(smiling(SOURCE.vertices))
+        for method in ("deformable", "gradients")
+    )
+    assert_allclose(made, plain, atol=1e-6)
 
 
 def test_without_a_face_there_is_nothing_to_prepare(monkeypatch: pytest.MonkeyPatch) -> None:

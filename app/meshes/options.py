@@ -18,8 +18,9 @@ class TransferOptions:
     landmarks : files of feature points of source and target, or "auto" to detect them; None detects both.
     """
 
-    method: Literal["tents", "gradients", "cloning"] = option(
-        "tents", "Vertex tents, or the methods they are compared with: deformation gradients, cloning."
+    method: Literal["tents", "deformable", "gradients", "cloning"] = option(
+        "tents",
+        "Vertex tents, the deformable model, or what tents are compared with: deformation gradients, cloning.",
     )
     correspondence: Literal["dense", "cylinder"] = option(
         "dense", "Match the heads by deforming one onto the other, or by cylindrical projection."

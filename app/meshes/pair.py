@@ -38,6 +38,7 @@ class MatchedPair:
 
     points : feature points of both, None if none were needed.   facts : method and quality of the match, for reports.
     face : of both, None where none was seen.   parts : of the target; none where no face was seen.
+    fitted : (N_s, 3) the source deformed onto the target, unless the match does without.
     """
 
     source: MeshFile
@@ -47,6 +48,7 @@ class MatchedPair:
     facts: Mapping[str, Any]
     face: FacePair | None
     parts: tuple[NamedPart, ...]
+    fitted: F64 | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +78,9 @@ def prepare_pair(
     pair = match_heads(source, target, options, context)
     with context.stage(PREPARING):
         meshes = pair.source.mesh, pair.target.mesh
-        made = Transfer(*meshes, pair.correspondence, options.method, options.keep_rigid, pair.face)
+        made = Transfer(
+            *meshes, pair.correspondence, options.method, options.keep_rigid, pair.face, pair.fitted
+        )
     return TransferPair(pair, made)
 
 
@@ -95,11 +99,11 @@ def match_heads(
         named = name_parts(target, positions[1], options.parts, own)
         source, target = own.file, named.file
         face = FacePair.of(source.mesh, target.mesh, positions, placed=placed)
-        link, quality = _match(source.mesh, target.mesh, face, kind)
+        link, quality, fitted = _match(source.mesh, target.mesh, face, kind)
         for sentence in suspicions(source.mesh, target.mesh, positions, link):
             context.say(sentence)
     facts = {"kind": kind, "found": round(float(link.found[skin_mask(target.mesh)].mean()), 4), **quality}
-    return MatchedPair(source, target, points, link, facts, face, named.parts)
+    return MatchedPair(source, target, points, link, facts, face, named.parts, fitted)
 
 
 def _matched_by_vertices(source: MeshFile, target: MeshFile, options: TransferOptions) -> MatchedPair:
@@ -108,13 +112,13 @@ def _matched_by_vertices(source: MeshFile, target: MeshFile, options: TransferOp
     facts = {"kind": "vertex to vertex", "found": 1.0}
     found = find_feature_points(source.mesh)
     if isinstance(found, Failed):
-        return MatchedPair(source, target, None, link, facts, None, ())
+        return MatchedPair(source, target, None, link, facts, None, (), target.mesh.vertices)
     positions = source.mesh.vertices[found.vertices], target.mesh.vertices[found.vertices]
     own = name_parts(source, positions[0])
     named = name_parts(target, positions[1], options.parts, own)
     source, target = own.file, named.file
     face = FacePair.of(source.mesh, target.mesh, positions)
-    return MatchedPair(source, target, None, link, facts, face, named.parts)
+    return MatchedPair(source, target, None, link, facts, face, named.parts, target.mesh.vertices)
 
 
 def feature_points_of_both(
@@ -140,15 +144,17 @@ def have_same_faces(source: Mesh, target: Mesh) -> bool:
     )
 
 
-def _match(source: Mesh, target: Mesh, face: FacePair, kind: str) -> tuple[Correspondence, dict[str, Any]]:
+def _match(
+    source: Mesh, target: Mesh, face: FacePair, kind: str
+) -> tuple[Correspondence, dict[str, Any], F64 | None]:
     if kind == "cylinder":
         from guise.analogy.cylinder import cylindrical_correspondence
 
-        return cylindrical_correspondence(source, target, *face.points), {}
+        return cylindrical_correspondence(source, target, *face.points), {}, None
     from guise.analogy.registration import register
 
     done = register(source, target, face.with_margins(source, target), face.trust)
-    return done.correspondence(), {"quality": asdict(done.quality)}
+    return done.correspondence(), {"quality": asdict(done.quality)}, done.fitted
 
 
 def _note_misalignment(source: FeaturePoints, target: FeaturePoints, context: RunContext) -> None:

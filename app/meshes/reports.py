@@ -80,7 +80,7 @@ class TransferReport(MeshReport):
 
     Parameters
     ----------
-    source, target, output : files or folders.   method : tents, gradients or cloning.
+    source, target, output : files or folders.   method : tents, deformable, gradients or cloning.
     correspondence : method and quality of the match.   parts : of the target.
     kind : expression, morph target or frame.   expressions : one entry each.
     skipped : frames of a sequence that existed already.

@@ -159,11 +159,14 @@ def measure_found(pair: Pair, name: str, report: Report) -> None:
     """Rows and criteria of a pair, where it stands and elsewhere, with nothing given."""
     rows = []
     for where, here in (("as it stands", pair), ("turned, scaled", pair.placed(OTHER_POSE))):
+        model = errors(here, prepare_transfer(here.source, here.target, method="deformable"))
         found = errors(here, prepare_transfer(here.source, here.target))
-        rows.append((where, found.mean(), *found))
+        rows += [(where, "deformable", model.mean(), *model), (where, "tents", found.mean(), *found)]
         what = f"{name}, {where}: err, nothing given"
         report.criteria.append(Criterion(what, float(found.mean()), "<=", MAX_FOUND_ERROR[name]))
-    report.tables.append(Table(f"Pair {name}: err, nothing given", ("target", "mean", *pair.names), rows))
+    report.tables.append(
+        Table(f"Pair {name}: err, nothing given", ("target", "method", "mean", *pair.names), rows)
+    )
 
 
 def criteria_x(what: str, cosine: float, amplitude: float) -> list[Criterion]:
