@@ -33,6 +33,8 @@ MEANINGS = {
     "--outside": "what lies outside `--from` and `--to`: keep it, or cut it off",
     "--crf": "constant rate factor: lower is better and larger",
     "--frames": "how many frames are used: to train on, or to measure",
+    "--input": "a video or a stream, instead of the camera",
+    "--unit": "the unit of a head's lengths, which are scaled to metres in a .glb",
     "--fps": "frames per second: asked of a camera, or of a written animation",
     "--method": "how an expression is transferred; the default is the best, the others are what it is compared with",
     "--picture": "a picture that is also drawn, of what the command found or made",
