@@ -115,7 +115,7 @@ class LandmarkEditor:
             )
             everywhere = f'<rect width="{SCREEN}" height="{SCREEN}" fill="none" pointer-events="all"/>'
             self._image = ui.interactive_image(size=(SCREEN, SCREEN), content=everywhere, sanitize=False)
-            self._image.classes("w-full")
+            self._image.classes("w-full").props('aria-hidden="true"')  # the place around it says what it is
             self._drawing = self._image.add_layer()
         self._image.on("svg:pointerdown", self._press)
         self._image.on("svg:pointermove", self._drag, throttle=SETTINGS.drag_seconds)

@@ -141,7 +141,8 @@ class LandmarkStrip:
         for row in sorted(self._faces):
             with ui.button(on_click=partial(self._choose, row)).props("flat padding=0") as cell:
                 cell.classes("shrink-0 border-4 rounded-none")
-                ui.image(self._faces[row]).classes("w-16 h-16").props["alt"] = ""
+                face = ui.element("img").classes("w-16 h-16").props('alt=""')
+                face.props["src"] = self._faces[row]
                 ui.icon("").classes("absolute top-0 right-0 rounded-full bg-white")
             self._cells[row] = cell
             self._mark(row)

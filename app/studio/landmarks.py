@@ -44,7 +44,8 @@ def _people(studio: Studio) -> None:
     with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2 md:grid-cols-4 mt-4"):
         for person in people:
             with ui.link(target=f"{PATH}/{person.id}").classes("choice"), ui.card().classes("w-full"):
-                ui.image(studio.portrait(str(person.path))).classes("w-full rounded").props["alt"] = ""
+                face = ui.element("img").classes("w-full rounded").props('alt=""')
+                face.props["src"] = studio.portrait(str(person.path))
                 ui.label(person.name).classes("text-h6 break-all")
 
 

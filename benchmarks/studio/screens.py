@@ -37,7 +37,7 @@ DROP = """(place, [data, name, type]) => {
   files.items.add(new File([bytes], name, { type }));
   place.dispatchEvent(new DragEvent("drop", { bubbles: true, cancelable: true, dataTransfer: files }));
 }"""
-BROKEN = """() => [...document.images].filter((one) => one.complete && one.src && !one.naturalWidth)
+BROKEN = """() => [...document.images].filter((one) => one.complete && one.getAttribute("src") && !one.naturalWidth)
   .map((one) => one.src)"""
 
 
