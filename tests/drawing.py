@@ -16,9 +16,18 @@ from guise.common.decay import FRAME_SECONDS
 RGB = ColourMatrix(*(np.eye(3, 4, dtype=np.float32) for _ in range(2)))
 
 
+class OwnColours(Frame):
+    """A frame that is drawn into in its stored components, whatever these are."""
+
+    @property
+    def yuv(self) -> ColourMatrix:
+        """As `colour`."""
+        return self.colour
+
+
 def blank(size: tuple[int, int] = (8, 8), colour: ColourMatrix = RGB) -> Frame:
     """A black frame (h, w) with stored components of its own."""
-    frame = Frame.from_rgb(np.zeros((*size, 3), np.uint8))
+    frame = OwnColours.from_rgb(np.zeros((*size, 3), np.uint8))
     frame.colour = colour
     return frame
 

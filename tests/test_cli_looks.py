@@ -123,7 +123,7 @@ def test_bench_times_every_stage(tmp_path: Path, capsys: pytest.CaptureFixture[s
     timings = found["milliseconds"]
     on_cpu = {t["stage"]: t for t in timings if t["renderer"] == "cpu"}
     passes = {path.stem.replace("_", " ") for path in (ROOT / "app" / "drawing" / "passes").glob("[a-z]*.py")}
-    of_other_looks = {"forehead", "mouth", "paper light"}
+    of_other_looks = {"forehead", "mouth", "paper light", "shades"}
     assert set(on_cpu) == passes - of_other_looks | {"track", "solid shape", "all"}
     assert all(0 < t["median"] <= t["p95"] for t in on_cpu.values())
     whole = found["file"]

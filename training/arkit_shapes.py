@@ -12,6 +12,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from guise.aam.landmarks.schemes import LIPS, LOWER_LIP_INNER
 from guise.aam.rig.names import ARKIT_NAMES
 from guise.common.arrays import F64, Bool
 
@@ -83,11 +84,11 @@ class Face:
         self.vertices, self.units, self.tongue, self.skin = vertices, units, tongue, skin
         self.points = points
         opened = np.linalg.norm(units["mouth-open"], axis=1)
-        inner = opened[skin][np.argmin(np.linalg.norm(vertices[skin] - points[66], axis=1))]
+        inner = opened[skin][np.argmin(np.linalg.norm(vertices[skin] - points[LOWER_LIP_INNER], axis=1))]
         self.jaw = smooth(opened / max(inner, 1e-6))  # 1 on the chin and the lower lip, 0 on the upper one
         self.jaw[lower_teeth | tongue] = 1.0
         self.left = smooth((vertices[:, 0] + MIDLINE) / (2 * MIDLINE))
-        lips = np.concatenate([points[48:60], points[60:68]])
+        lips = points[list(LIPS)]
         self.from_lips = np.linalg.norm(vertices[:, None] - lips[None], axis=2).min(1)
 
     def lips(self, reach: float) -> F64:

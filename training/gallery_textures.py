@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
+from guise.aam.landmarks.schemes import LEFT_MOUTH_CORNER, OUTER_LIPS, RIGHT_MOUTH_CORNER
 from guise.common.arrays import F32, F64, U8, Bool, Int
 
 TILE_PIXELS, TILE_MILLIMETRES = 1024, 70.0  # of the map of fine skin; 16 tiles lie across the skin's texture
@@ -141,15 +142,16 @@ def plain_lips(colour: F32, uv: F64, tint: F32, rng: np.random.Generator) -> tup
     """
     side = len(colour)
     points = np.column_stack([uv[:, 0], 1 - uv[:, 1]]) * side
-    outer = smooth_outline(points[48:60])
+    outer = smooth_outline(points[list(OUTER_LIPS)])
     lips = soft_polygon(side, outer, 2.5)
     away = 1 - np.clip(soft_polygon(side, outer, 6.0) * 3, 0, 1)
     skin, soft = filled(colour, away, 14.0), cv2.GaussianBlur(colour, (0, 0), 1.8)
     most = (skin @ LUMINANCE) * (1 - 0.15 * lips)
     soft *= np.minimum(most / np.maximum(soft @ LUMINANCE, 1e-4), 1)[..., None]
-    along = points[54] - points[48]
+    along = points[LEFT_MOUTH_CORNER] - points[RIGHT_MOUTH_CORNER]
     ys, xs = np.mgrid[:side, :side].astype(np.float32)
-    place = ((xs - points[48, 0]) * along[0] + (ys - points[48, 1]) * along[1]) / np.linalg.norm(along)
+    x, y = points[RIGHT_MOUTH_CORNER]
+    place = ((xs - x) * along[0] + (ys - y) * along[1]) / np.linalg.norm(along)
     place += 1.2 * noise(rng, side, 5.0)
     creases = cv2.GaussianBlur(rng.standard_normal((1, 4 * side)).astype(np.float32), (0, 0), 2.5)[0]
     lined = np.interp(place * 4 + 2 * side, np.arange(4 * side), creases / creases.std()).astype(np.float32)

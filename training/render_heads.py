@@ -26,6 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from guise.aam.landmarks.schemes import CHIN, EYES, LEFT_BROW, NOSE_ROOT, NOSE_TIP, RIGHT_BROW
+
 F64 = NDArray[np.float64]
 SIZE = 480  # pixels of the pictures' sides
 SHIPPED = Path("app/gallery/heads")
@@ -310,14 +312,14 @@ def render(program: dict[str, Any], spec: dict[str, Any], out: Path, size: int, 
         mesh.normals_split_custom_set_from_vertices(surfaces[name][1][surface.vmap].tolist())
         scene.collection.objects.link(bpy.data.objects.new(name, mesh))
     points = program["face81"].points(person.base)
-    eyes, body = points[36:48].mean(0), person.surf["body"]
+    eyes, body = points[list(EYES)].mean(0), person.surf["body"]
     places, normals = (part[body.vmap] for part in surfaces["body"])
     strands = grown(Head(places, normals, body.tri, eyes + EYES_TO_CENTRE), style, rng)
     hair(strands, style, rng)
-    seen = np.concatenate([strands.reshape(-1, 3)[::7], points, points[8:9] - (0, NECK, 0)])[:, :2]
+    seen = np.concatenate([strands.reshape(-1, 3)[::7], points, points[CHIN, None] - (0, NECK, 0)])[:, :2]
     low, high = np.percentile(seen, 0.02, axis=0) - MARGIN, np.percentile(seen, 99.98, axis=0) + MARGIN
-    low[1] = min(low[1], points[8, 1] - NECK)
-    middle, view = np.array([*(low + high) / 2, points[30, 2]]), float((high - low).max())
+    low[1] = min(low[1], points[CHIN][1] - NECK)
+    middle, view = np.array([*(low + high) / 2, points[NOSE_TIP][2]]), float((high - low).max())
     stage(size, samples, middle, view)
     cv2.imwrite(str(out / f"{spec['name']}.png"), cv2.cvtColor(picture(out / "raw.png"), cv2.COLOR_RGBA2BGRA))
     for thing in scene.objects:
@@ -333,8 +335,8 @@ def browless(colours: NDArray[Any], hair_share: NDArray[Any], points: F64) -> ND
     """A picture (h, w, 3) without brows, which the face that is drawn within the head brings along."""
     brows = np.zeros(hair_share.shape, np.uint8)
     width = np.ptp(points[:, 0])
-    for line in (points[17:22], points[22:27]):
-        outer = line[np.abs(line[:, 0] - points[27, 0]).argmax()]
+    for line in (points[list(RIGHT_BROW)], points[list(LEFT_BROW)]):
+        outer = line[np.abs(line[:, 0] - points[NOSE_ROOT][0]).argmax()]
         line = np.vstack([line, outer + 0.6 * (outer - line.mean(0))])
         cv2.polylines(
             brows, [line[np.argsort(line[:, 0])].round().astype(np.int32)], False, 255, int(0.09 * width)

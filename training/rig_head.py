@@ -21,7 +21,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from guise.aam.landmarks.schemes import MIRROR
+from guise.aam.landmarks.schemes import IBUG68, MIRROR
 from guise.aam.rig.coefficients import LOOKS, TOLD
 from guise.aam.rig.names import ARKIT_NAMES, FULL_LOOK_DEGREES
 from guise.aam.rig.sight import window_values
@@ -77,7 +77,7 @@ class Sights:
 
 
 def _mirrored_shape(shape: F32) -> F32:
-    points = shape[:, :-3].reshape(-1, 68, 2)[:, list(MIRROR[:68])] * (-1, 1)
+    points = shape[:, :-3].reshape(-1, 68, 2)[:, [MIRROR[k] for k in IBUG68]] * (-1, 1)
     return np.concatenate([points.reshape(len(shape), -1), shape[:, -3:] * (-1, 1, -1)], axis=1).astype(
         np.float32
     )

@@ -24,6 +24,7 @@ import cv2
 import mathutils
 import numpy as np
 
+from guise.aam.landmarks.schemes import CHIN, JAW, NOSE_ROOT, NOSE_TIP
 from guise.common.arrays import F32, F64, U8
 from training.gallery_people import gallery_people
 from training.gallery_textures import (
@@ -265,8 +266,8 @@ def add_light(face: F64) -> None:
 def add_camera(points: F64) -> F64:
     """The camera of the person's clip, and the middle of the face (68 points)."""
     scene = bpy.context.scene
-    face = np.array([0, (points[27, 1] + points[8, 1]) / 2, points[30, 2]])
-    focal = JAW_PIXELS * DISTANCE / np.ptp(points[:17, 0])
+    face = np.array([0, (points[NOSE_ROOT][1] + points[CHIN][1]) / 2, points[NOSE_TIP][2]])
+    focal = JAW_PIXELS * DISTANCE / np.ptp(points[list(JAW), 0])
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     camera.data.sensor_fit = "HORIZONTAL"
     camera.location, camera.data.angle = np.add(face, (0, UP, DISTANCE)), 2 * np.arctan(SIZE[0] / 2 / focal)

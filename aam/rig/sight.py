@@ -13,7 +13,13 @@ from functools import cache
 import cv2
 import numpy as np
 
-from guise.aam.landmarks.schemes import IBUG68, LEFT_EYE_CORNERS, NOSE_BASE, RIGHT_EYE_CORNERS
+from guise.aam.landmarks.schemes import (
+    IBUG68,
+    LEFT_EYE_CORNERS,
+    NOSE_BASE,
+    OUTER_LIPS,
+    RIGHT_EYE_CORNERS,
+)
 from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.common.arrays import F32, F64, U8, Floating
 from guise.common.small import mean
@@ -158,4 +164,4 @@ def _mean_face() -> F64:
 def _mouth_depth() -> float:
     """How much farther back the mouth lies than the nose's base."""
     solid = _mean_face()
-    return float(solid[48:60, 2].mean() - solid[NOSE_BASE, 2])
+    return float(solid[list(OUTER_LIPS), 2].mean() - solid[NOSE_BASE, 2])
