@@ -74,11 +74,11 @@ def test_the_filter_lags_by_less_than_a_frame_and_holds_what_is_still() -> None:
 def test_a_map_learns_the_gain_of_a_person_and_nothing_from_nothing() -> None:
     rng = np.random.default_rng(1)
     truth = np.abs(rng.standard_normal((400, 46)))
-    told = 0.6 * truth + 0.1
-    learnt = fit_map(told, truth)
-    mapped = np.column_stack([told, np.ones(len(told))]) @ learnt
+    told, away = 0.6 * truth + 0.1, rng.standard_normal((400, 5))
+    learnt = fit_map(told, away, truth)
+    mapped = np.column_stack([told, np.ones(len(told)), away]) @ learnt
     assert np.abs(mapped - truth).mean() < 0.5 * np.abs(told - truth).mean()
-    assert np.allclose(fit_map(told[:0], truth[:0]), np.eye(47, 46), atol=1e-6)
+    assert np.allclose(fit_map(told[:0], away[:0], truth[:0]), np.eye(52, 46), atol=1e-6)
 
 
 def test_a_face_gives_coefficients_in_range_and_the_turn_of_its_head(clip: tuple[list[U8], F64, F64]) -> None:

@@ -24,14 +24,16 @@ from torch import Tensor, nn
 from guise.aam.landmarks.schemes import IBUG68, MIRROR
 from guise.aam.rig.coefficients import LOOKS, TOLD
 from guise.aam.rig.names import ARKIT_NAMES, FULL_LOOK_DEGREES
-from guise.aam.rig.sight import window_values
+from guise.aam.rig.sight import IRIS_RADII, iris_values, window_values
 from guise.common.arrays import F32, Int
 
 KEPT = {"eye": 72, "mouth": 88, "shape": 56}  # principal components
-WIDTHS = (192, 128)  # of the hidden layers
+WIDTHS, LOOK_WIDTHS = (192, 128), (64, 32)  # of the hidden layers
+IRISES = 4 * len(IRIS_RADII)  # values of both
 NAMES = [ARKIT_NAMES[k] for k in TOLD]
 OUTPUTS = len(TOLD) + 2  # and the eyes' turn
-GROUPS, PER_GROUP = 48, 12  # in a batch
+GROUPS, REAL_GROUPS, PER_GROUP = 44, 6, 12  # in a batch
+REAL = 9_000_000  # from which on numbers of groups are real clips
 ALONE, CALM = 0.2, 0.6  # shares without a reference, and with the calmest picture of the sitting as that
 
 
@@ -52,6 +54,8 @@ class Sights:
         )
         eyes = np.array([[window_values(eye) for eye in both] for both in joined["eyes"]])
         self.eyes = np.stack([eyes, eyes[:, ::-1]])
+        irises = np.array([[iris_values(eye) for eye in both] for both in joined["eyes"]])
+        self.irises = np.stack([irises, irises[:, ::-1]])
         mouths = joined["mouth"]
         self.mouth = np.stack(
             [[window_values(np.ascontiguousarray(one[:, ::way])) for one in mouths] for way in (1, -1)]
@@ -64,13 +68,18 @@ class Sights:
         order = np.argsort(joined["group"], kind="stable")
         ends = np.flatnonzero(np.diff(joined["group"][order])) + 1
         self.groups: list[Int] = [rows for rows in np.split(order, ends) if len(rows) > 3]
+        number = joined["group"]
+        self.rendered = [rows for rows in self.groups if number[rows[0]] < REAL]
+        self.real = [rows for rows in self.groups if number[rows[0]] >= REAL]
 
     def components(self, basis: dict[str, F32]) -> tuple[Tensor, Tensor]:
         """Components (2, n, k) and truth (2, n, 46), as they are and in a mirror."""
-        parts = [(self.eyes[:, :, k] - basis["eye_mean"]) @ basis["eye"] for k in (0, 1)]
+        parts = [(self.mouth - basis["mouth_mean"]) @ basis["mouth"]]
+        parts += [(self.eyes[:, :, k] - basis["eye_mean"]) @ basis["eye"] for k in (0, 1)]
         parts += [
-            (self.mouth - basis["mouth_mean"]) @ basis["mouth"],
             (self.shape - basis["shape_mean"]) @ basis["shape"],
+            self.irises[:, :, 0],
+            self.irises[:, :, 1],
         ]
         truth = np.stack([self.truth, self.truth[:, _SWAPPED] * _SIGNS])
         return torch.from_numpy(np.concatenate(parts, 2)).float(), torch.from_numpy(truth).float()
@@ -110,39 +119,48 @@ def principal(values: F32, count: int) -> tuple[F32, F32]:
 def basis_of(data: Sights) -> dict[str, F32]:
     """Principal components of all kinds."""
     made = {}
-    for name, values in (
-        ("eye", data.eyes.reshape(-1, data.eyes.shape[-1])),
-        ("mouth", data.mouth.reshape(-1, data.mouth.shape[-1])),
-        ("shape", data.shape.reshape(-1, data.shape.shape[-1])),
-    ):
+    kinds = {"eye": data.eyes, "mouth": data.mouth, "shape": data.shape}
+    for name, values in kinds.items():
+        values = values.reshape(-1, values.shape[-1])
         made[f"{name}_mean"], made[name] = principal(values, KEPT[name])
     return made
 
 
-def network(inputs: int) -> nn.Sequential:
-    """Components and their difference to the reference's, what is known of that, and whether there is one."""
-    one, two = WIDTHS
+def _layers(inputs: int, one: int, two: int, outputs: int) -> nn.Sequential:
     return nn.Sequential(
-        nn.Linear(2 * inputs + OUTPUTS + 1, one),
-        nn.ReLU(),
-        nn.Dropout(0.1),
-        nn.Linear(one, two),
-        nn.ReLU(),
-        nn.Linear(two, OUTPUTS),
-    )
+        nn.Linear(2 * inputs + OUTPUTS + 1, one), nn.ReLU(), nn.Dropout(0.2),
+        nn.Linear(one, two), nn.ReLU(), nn.Linear(two, outputs),
+    )  # fmt: skip
 
 
-def told(net: nn.Module, own: Tensor, other: Tensor, known: Tensor, given: Tensor) -> Tensor:
-    """Coefficients and gaze (n, 46)."""
-    found: Tensor = net(torch.cat([own, (own - other) * given, known * given, given], 1))
-    return found
+class RigNet(nn.Module):
+    """Components and the reference's, what is known of that, and whether there is one -> coefficients, gaze (n, 46).
+
+    The coefficients are told from all but the irises, the gaze from all but the mouth.
+    """
+
+    def __init__(self, inputs: int) -> None:
+        super().__init__()
+        self.face = _layers(inputs - IRISES, *WIDTHS, OUTPUTS - 2)
+        self.look = _layers(inputs - KEPT["mouth"], *LOOK_WIDTHS, 2)
+
+    def forward(self, own: Tensor, other: Tensor, known: Tensor, given: Tensor) -> Tensor:
+        away, rest = (own - other) * given, (known * given, given)
+        face = self.face(torch.cat([own[:, :-IRISES], away[:, :-IRISES], *rest], 1))
+        look = self.look(torch.cat([own[:, KEPT["mouth"] :], away[:, KEPT["mouth"] :], *rest], 1))
+        return torch.cat([face, look], 1)
+
+
+def _some(rng: np.random.Generator, groups: list[Int], count: int) -> list[Int]:
+    return [groups[k] for k in rng.choice(len(groups), min(count, len(groups)), replace=False)]
 
 
 def _batch(data: Sights, rng: np.random.Generator) -> tuple[Int, Int]:
     """Rows, and the row that is the reference of each."""
     rows, others = [], []
-    for g in rng.choice(len(data.groups), min(GROUPS, len(data.groups)), replace=False):
-        group = rng.permutation(data.groups[g])[:PER_GROUP]
+    picked = [*_some(rng, data.rendered, GROUPS), *_some(rng, data.real, REAL_GROUPS)]
+    for one in picked:
+        group = rng.permutation(one)[:PER_GROUP]
         calm = group[np.argmin(np.abs(data.truth[group, :-2]).sum(1))]
         others.append(np.where(rng.random(len(group)) < CALM, calm, rng.choice(group, len(group))))
         rows.append(group)
@@ -165,7 +183,7 @@ def figures(net: nn.Module, data: Sights, seen: Tensor, truth: Tensor, alone: bo
         calm = rows[np.argmin(np.abs(data.truth[rows, :-2]).sum(1))]
         others = np.full(len(rows), calm)
         given = torch.full((len(rows), 1), 0.0 if alone else 1.0)
-        found.append(told(net, seen[0, rows], seen[0, others], truth[0, others], given))
+        found.append(net(seen[0, rows], seen[0, others], truth[0, others], given))
         true.append(truth[0, rows])
     a, b = torch.cat(found).numpy(), torch.cat(true).numpy()
     names = [*NAMES, *LOOKS]
@@ -181,11 +199,15 @@ SHOWN = {
 }  # fmt: skip
 
 
-def save(path: Path, basis: dict[str, F32], net: nn.Module) -> None:
+def save(path: Path, basis: dict[str, F32], net: RigNet) -> None:
     """Write what `guise.aam.rig.coefficients` reads, in float16."""
     arrays = dict(basis)
-    for k, layer in enumerate(one for one in net.modules() if isinstance(one, nn.Linear)):
-        arrays |= {f"weight{k}": layer.weight.detach().numpy().T, f"bias{k}": layer.bias.detach().numpy()}
+    for name in ("face", "look"):
+        for k, layer in enumerate(one for one in getattr(net, name) if isinstance(one, nn.Linear)):
+            arrays |= {
+                f"{name}_weight{k}": layer.weight.detach().numpy().T,
+                f"{name}_bias{k}": layer.bias.detach().numpy(),
+            }
     np.savez_compressed(path, **{name: values.astype(np.float16) for name, values in arrays.items()})  # type: ignore[arg-type]
 
 
@@ -196,7 +218,7 @@ def train(options: argparse.Namespace) -> None:
     basis = basis_of(data)
     (seen, truth), (held_seen, held_truth) = data.components(basis), held.components(basis)
     print(seen.shape, held_seen.shape, flush=True)
-    net = network(seen.shape[2])
+    net = RigNet(seen.shape[2])
     average = torch.optim.swa_utils.AveragedModel(
         net, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(0.995)
     )
@@ -214,13 +236,13 @@ def train(options: argparse.Namespace) -> None:
         own, other = (x + 0.1 * torch.randn_like(x) for x in (own, other))
         given = torch.from_numpy((rng.random((len(rows), 1)) > ALONE).astype(np.float32))
         net.train()
-        loss = _loss(told(net, own, other, truth[way, others], given), truth[way, rows], importance)
+        loss = _loss(net(own, other, truth[way, others], given), truth[way, rows], importance)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
         average.update_parameters(net)
         losses.append(float(loss.detach()))
-        if step % 500 == 499 or step == options.steps - 1:
+        if step % 350 == 349 or step == options.steps - 1:
             row = {"step": step + 1, "loss": float(np.mean(losses[-200:]))}
             for kind, alone in (("", False), ("alone_", True)):
                 found = figures(average.module, held, held_seen, held_truth, alone)

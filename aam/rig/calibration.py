@@ -26,7 +26,9 @@ ASKED: Mapping[str, Mapping[str, float]] = {
     "jaw": {"jawOpen": 1.0},
     "pucker": {"mouthPucker": 1.0},
 }
-RIDGE = tuned(20.0, "frames", "rig.coefficients")  # by which the map is drawn to no change
+# By which the map is drawn to no change: of what is told, and of what is seen.
+TOLD_RIDGE = tuned(60.0, "frames", "rig.coefficients")
+SEEN_RIDGE = tuned(300.0, "frames", "rig.coefficients")
 PEAK_SHARE = tuned(0.5, "share", "rig.coefficients")  # of a step's frames, those that move most
 
 
@@ -59,28 +61,32 @@ class Calibrator:
             )
         rest = np.asarray(np.median(self.seen["rest"], axis=0), np.float32)
         network = shipped()
-        told, asked = [], []
+        told, away, asked = [], [], []
         for step, rows in self.seen.items():
-            values = np.array([network.tell(row, rest) for row in rows])
+            values, seen = np.array([network.tell(row, rest) for row in rows]), np.array(rows) - rest
             wanted = np.zeros(values.shape[1], np.float32)
             for name, value in ASKED[step].items():
                 wanted[TOLD.index(INDEX[name])] = value
             if step != "rest":  # the face needs a moment to get there
-                order = np.argsort(values @ wanted)
-                values = values[order[int(len(order) * (1 - PEAK_SHARE)) :]]
+                order = np.argsort(values @ wanted)[int(len(rows) * (1 - PEAK_SHARE)) :]
+                values, seen = values[order], seen[order]
             told.append(values)
+            away.append(seen)
             asked.append(np.where(wanted > 0, wanted, values.clip(0, 1) * (step != "rest")))
-        return RigCalibration(rest, fit_map(np.concatenate(told), np.concatenate(asked)))
+        return RigCalibration(rest, fit_map(*(np.concatenate(part) for part in (told, away, asked))))
 
 
-def fit_map(told: Floating, truth: Floating, ridge: float = RIDGE) -> F32:
-    """(47, 46): the map from what is told (n, 46) and 1 to the truth (n, 46), drawn to no change."""
-    outputs = told.shape[1]
-    design = np.column_stack([told, np.ones(len(told))]).astype(np.float64)
-    start = np.eye(outputs + 1, outputs)
-    scale = max(len(told) / 100, 1e-3)
-    normal = design.T @ design / scale + ridge * np.diag([*[1.0] * outputs, 0.1])
-    right = design.T @ (np.asarray(truth, np.float64) - design @ start) / scale
+def fit_map(told: Floating, away: Floating, truth: Floating) -> F32:
+    """(47 + k, 46), see `RigCalibration.linear`: ridge regression of the truth (n, 46), drawn to no change.
+
+    told : (n, 46).   away : (n, k) components beside those at rest.
+    """
+    outputs, seen = told.shape[1], away.shape[1]
+    design = np.column_stack([told, np.ones(len(told)), away]).astype(np.float64)
+    start = np.eye(outputs + 1 + seen, outputs)
+    ridge = np.repeat([TOLD_RIDGE, TOLD_RIDGE / 10, SEEN_RIDGE], [outputs, 1, seen])
+    normal = design.T @ design + np.diag(ridge)
+    right = design.T @ (np.asarray(truth, np.float64) - design @ start)
     return np.asarray(start + np.linalg.solve(normal, right), np.float32)
 
 

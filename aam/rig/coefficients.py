@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from guise.aam.rig.names import ARKIT_NAMES, FULL_LOOK_DEGREES, INDEX
-from guise.aam.rig.sight import FaceSight, see, window_values
+from guise.aam.rig.sight import IRIS_RADII, FaceSight, iris_values, see, window_values
 from guise.aam.solid_shape import SolidTracker
 from guise.common.arrays import F32, F64, U8, Floating
 from guise.common.tuned import derived, tuned
@@ -27,6 +27,7 @@ from guise.common.tuned import derived, tuned
 DATA = Path(__file__).parents[1] / "data" / "rig.npz"
 TOLD: tuple[int, ...] = tuple(k for k, name in enumerate(ARKIT_NAMES) if not name.startswith("eyeLook"))
 LOOKS = ("lookRight", "lookUp")  # told beside them: the eyes' turn to the image's right and up, in full looks
+LAYERS = 3
 RIGHT, UP = len(TOLD), len(TOLD) + 1
 
 
@@ -75,11 +76,19 @@ SMOOTHING, REST = Smoothing(), RigRestLimits()
 class RigCalibration:
     """What is known of one person.
 
-    rest : (k,) components of their sight at rest.   linear : (47, 46): told at 0 and 1 -> coefficients and gaze.
+    rest : (k,) components of their sight at rest.
+    linear : (47 + k, 46): what is told, 1, and how the components differ from rest -> coefficients and gaze.
     """
 
     rest: F32
     linear: F32 | None = None
+
+    def mapped(self, told: Floating, components: F32) -> Floating:
+        """What is told (46,) of components (k,), by the person's own map."""
+        if self.linear is None:
+            return told
+        found: Floating = np.concatenate([told, [1.0], components - self.rest]) @ self.linear
+        return found
 
 
 class RigEstimator:
@@ -103,9 +112,8 @@ class RigEstimator:
         """Of a face with points (81, 2) in a picture (h, w, 3), shown at a time."""
         components, head = self.components(rgb, points)
         told = self._rest.tell(self._network, components)
-        if self.calibration is not None and self.calibration.linear is not None:
-            told = np.append(told, np.float32(1)) @ self.calibration.linear
-        values = np.concatenate([told, head / 90])
+        mine = told if self.calibration is None else self.calibration.mapped(told, components)
+        values = np.concatenate([mine, head / 90])
         if self._filter is not None:
             values = self._filter(values, seconds)
         return coefficients(values[:-3], values[-3:] * 90)
@@ -149,26 +157,34 @@ class RigNetwork:
     def size(self) -> int:
         """How many components a sight has."""
         eye, mouth, shape = (int(self.arrays[name].shape[1]) for name in ("eye", "mouth", "shape"))
-        return 2 * eye + mouth + shape
+        return 2 * (eye + 2 * len(IRIS_RADII)) + mouth + shape
 
     def components(self, sight: FaceSight) -> F32:
         """(k,) of a sight."""
         a = self.arrays
         eyes = [(window_values(eye) - a["eye_mean"]) @ a["eye"] for eye in sight.eyes]
+        irises = [iris_values(eye) for eye in sight.eyes]
         mouth = (window_values(sight.mouth) - a["mouth_mean"]) @ a["mouth"]
-        return np.concatenate([*eyes, mouth, (sight.shape - a["shape_mean"]) @ a["shape"]])
+        return np.concatenate([mouth, *eyes, (sight.shape - a["shape_mean"]) @ a["shape"], *irises])
 
     def tell(self, own: F32, rest: F32 | None) -> F32:
         """Coefficients without the looks, then the two of `LOOKS`, (46,), from components (k,) and those at rest."""
         given = rest is not None
         away = own - rest if rest is not None else np.zeros_like(own)
-        values = np.concatenate([own, away, np.zeros(len(TOLD) + 2, np.float32), [np.float32(given)]])
-        layers = [name for name in self.arrays if name.startswith("weight")]
-        for k in range(len(layers)):
-            values = values @ self.arrays[f"weight{k}"] + self.arrays[f"bias{k}"]
-            if k + 1 < len(layers):
+        known = np.zeros(len(TOLD) + 3, np.float32)
+        known[-1] = given
+        parts = {"face": slice(-4 * len(IRIS_RADII)), "look": slice(self.arrays["mouth"].shape[1], None)}
+        return np.concatenate(
+            [self._run(n, np.concatenate([own[s], away[s], known])) for n, s in parts.items()]
+        )
+
+    def _run(self, name: str, values: F32) -> F32:
+        """The answer of one of the two networks."""
+        for k in range(LAYERS):
+            values = values @ self.arrays[f"{name}_weight{k}"] + self.arrays[f"{name}_bias{k}"]
+            if k + 1 < LAYERS:
                 values = np.maximum(values, 0)
-        return np.asarray(values, np.float32)
+        return values
 
 
 class OneEuro:

@@ -29,6 +29,10 @@ MOUTH_SIZE = (64, 48)
 SHAPE_VALUES = 2 * 68 + 3
 CELLS, DIRECTIONS = 8, 8  # to a side of a window, and in a full circle
 WINDOW_VALUES = (DIRECTIONS + 4) * CELLS**2
+# Rows and columns around the eye in its window; those of the iris in these, at half size.
+NEAR_EYE, WITHIN = np.s_[16:48, 2:46], np.s_[5:14, 4:18]
+IRIS_RADII, IRIS_SHARPNESS = (2.5, 3.5), 0.15  # pixels at half size; share of the answer
+MOST_IRIS = 6.0  # pixels from the middle
 LEAST_SPREAD = 4.0  # of luma, of a window that shows nothing
 _ANGLES = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
 _DIRECTIONS: F32 = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]).astype(np.float32)
@@ -131,6 +135,23 @@ def _cut(picture: U8, middle: F64, linear: F64, size: tuple[int, int]) -> U8:
     return np.asarray(cv2.cvtColor(cut, cv2.COLOR_RGB2GRAY) if cut.ndim == 3 else cut, np.uint8)
 
 
+def iris_values(eye: U8) -> F32:
+    """(4,) where a dark disc lies in an eye's window, x and y, by two radii, pixels from its middle.
+
+    The response to a disc in a bright ring, and the mean place weighted by its exponential.
+    """
+    part = cv2.resize(eye[NEAR_EYE], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    found = np.empty(2 * len(IRIS_RADII), np.float32)
+    for k, radius in enumerate(IRIS_RADII):
+        answer = cv2.filter2D(part, cv2.CV_32F, _disc(radius), borderType=cv2.BORDER_REPLICATE)[WITHIN]
+        above = answer - np.maximum.reduce(answer, None)
+        weight = np.exp(above / (1e-3 - IRIS_SHARPNESS * mean(above)))
+        weight /= np.add.reduce(weight, None)
+        rows, columns = _centred(weight.shape[0]), _centred(weight.shape[1])
+        found[2 * k], found[2 * k + 1] = np.add.reduce(weight, 0) @ columns, np.add.reduce(weight, 1) @ rows
+    return np.minimum(np.maximum(2 * found, -MOST_IRIS), MOST_IRIS)
+
+
 def window_values(window: U8) -> F32:
     """What a window (h, w) shows, whatever its brightness and contrast: edges by direction, and luma, coarsely.
 
@@ -147,6 +168,23 @@ def window_values(window: U8) -> F32:
     half = _averages(luma.shape[0]).T @ (edges @ _averages(luma.shape[1]))
     coarse = cv2.resize(luma, (2 * CELLS, 2 * CELLS), interpolation=cv2.INTER_AREA)
     return np.concatenate([np.sqrt(half).ravel(), coarse.ravel()])
+
+
+@cache
+def _centred(count: int) -> F32:
+    """Places of a row of pixels from its middle."""
+    return np.arange(count, dtype=np.float32) - np.float32((count - 1) / 2)
+
+
+@cache
+def _disc(radius: float) -> F32:
+    """A disc below 0 in a ring above, both of sum 1."""
+    reach = int(np.ceil(1.6 * radius))
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    away = np.hypot(x, y)
+    inner = np.clip(radius + 0.5 - away, 0, 1)
+    ring = np.clip(1.5 * radius + 0.5 - away, 0, 1) - inner
+    return np.asarray(ring / ring.sum() - inner / inner.sum(), np.float32)
 
 
 @cache
