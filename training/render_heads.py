@@ -21,12 +21,12 @@ from typing import Any
 
 import bpy
 import cv2
-import mathutils
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from guise.aam.landmarks.schemes import CHIN, EYES, LEFT_BROW, NOSE_ROOT, NOSE_TIP, RIGHT_BROW
+from training.tracing import add_light
 
 F64 = NDArray[np.float64]
 SIZE = 480  # pixels of the pictures' sides
@@ -271,20 +271,7 @@ def stage(size: int, samples: int, middle: F64, view: float) -> None:
     )
     scene.collection.objects.link(camera)
     scene.camera = camera
-    for place, extent, power, colour in LIGHTS:
-        lamp = bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "AREA"))
-        lamp.data.size, lamp.data.energy, lamp.data.color, lamp.location = (
-            extent,
-            power,
-            colour,
-            middle + place,
-        )
-        lamp.rotation_euler = (-mathutils.Vector(place)).to_track_quat("-Z", "Y").to_euler()
-        scene.collection.objects.link(lamp)
-    scene.world = bpy.data.worlds.new("world")
-    scene.world.use_nodes = True
-    sky = scene.world.node_tree.nodes["Background"].inputs
-    sky[0].default_value, sky[1].default_value = (1, 1, 1, 1), WORLD
+    add_light(middle, LIGHTS, WORLD)
 
 
 def picture(path: Path) -> NDArray[Any]:

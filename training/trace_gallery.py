@@ -21,7 +21,6 @@ from pathlib import Path
 
 import bpy
 import cv2
-import mathutils
 import numpy as np
 
 from guise.aam.landmarks.schemes import CHIN, JAW, NOSE_ROOT, NOSE_TIP
@@ -39,6 +38,7 @@ from training.gallery_textures import (
     plain_lips,
     thin_lashes,
 )
+from training.tracing import WHITE, add_light
 
 SIZE = 880, 960  # pixels
 JAW_PIXELS = 410.0  # width of the jaw
@@ -46,7 +46,7 @@ DISTANCE, UP = 9.5, 0.25  # of the camera, decimetres
 SAMPLES = 16
 RIM_PIXELS = 6.0  # standard deviation, from which skin goes on beyond a head's outline
 AROUND = 0.2  # of the width and the height of the 68 points, which is traced beside them
-LAMPS = (((-1.5, 3.5, 8.5), 7.0, 800.0), ((5.0, 2.0, 6.0), 6.0, 160.0))  # place from the face, size, power
+LAMPS = (((-1.5, 3.5, 8.5), 7.0, 800.0, WHITE), ((5.0, 2.0, 6.0), 6.0, 160.0, WHITE))
 SKY, EXPOSURE = 0.50, 1.10
 
 
@@ -248,21 +248,6 @@ def add_strands(strands: Strands, colours: tuple) -> None:
     bpy.context.scene.collection.objects.link(bpy.data.objects.new("brows", data))
 
 
-def add_light(face: F64) -> None:
-    """An overcast sky and wide lamps near the camera."""
-    scene = bpy.context.scene
-    for place, size, power in LAMPS:
-        lamp = bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "AREA"))
-        lamp.data.size, lamp.data.energy, lamp.location = size, power, face + place
-        lamp.rotation_euler = (-mathutils.Vector(place)).to_track_quat("-Z", "Y").to_euler()
-        scene.collection.objects.link(lamp)
-    scene.world = bpy.data.worlds.new("world")
-    scene.world.use_nodes = True
-    sky = scene.world.node_tree.nodes["Background"].inputs
-    sky[0].default_value, sky[1].default_value = (1, 1, 1, 1), SKY
-    scene.world.cycles_visibility.glossy = False  # dark skin would gleam at its rim
-
-
 def add_camera(points: F64) -> F64:
     """The camera of the person's clip, and the middle of the face (68 points)."""
     scene = bpy.context.scene
@@ -313,7 +298,8 @@ def trace(program: dict, spec: dict, samples: int, yaw: float) -> U8:
         card, Card(brows.uv, places[brows.vmap], normals[brows.vmap], brows.tri), spec, rng
     )
     add_strands(strands, spec.get("browc", spec.get("hairc", program["people"].DKBROWN)))
-    add_light(add_camera(program["landmarks"].points(person.base)))
+    face = add_camera(program["landmarks"].points(person.base))
+    add_light(face, LAMPS, SKY, gleams=False)  # dark skin would gleam at its rim
     with tempfile.TemporaryDirectory() as folder:
         scene.render.filepath = str(Path(folder) / "traced.exr")
         bpy.ops.render.render(write_still=True)
