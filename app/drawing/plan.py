@@ -25,7 +25,7 @@ from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
 from guise.aam.relief import Relief
 from guise.aam.shape_transfer import ShapeTransfer
-from guise.aam.skin_tone import Shades, toned
+from guise.aam.skin_tone import toned
 from guise.aam.solid_shape import SolidFit
 from guise.aam.view_prior import SideViews
 from guise.app.drawing.donor import Donor
@@ -141,14 +141,8 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look, *, shows_skin: bool =
     even = own.with_neutral_texture(even_texture(person.identity))
     own_beard, goes_on = beard(person.identity.rest_frame, reference)
     beards = np.zeros_like(own_beard) if goes_on else np.maximum(own_beard, donor.beard)
-    bare = 1 - beards
-    if not shows_skin:  # brows move farther from where theirs were, and the end of one is no shade
-        bare = bare * (1 - soft_parts(reference, (RIGHT_BROW, LEFT_BROW), BROW_REACH))
-    of_photo = person.identity.is_of_photo or donor.enrolled.is_of_photo
-    shades: Shades = ("all" if of_photo else "own") if shows_skin else "colour"
-    shown = toned(donor.clean.appearance, even, rim=bare, shades=shades)
-    relief = Relief.shipped(reference)
-    rgb = shown.neutral_texture
+    shown = _in_tone_of(person, donor, even, 1 - beards, shows_skin=shows_skin)
+    relief, rgb = Relief.shipped(reference), shown.neutral_texture
     texture = _fitted(person, donor, shown, look)
     mask, texels = reference.mask, person.texels
     own_eyes = EYES if look.eyes == "source" else ()
@@ -180,8 +174,7 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look, *, shows_skin: bool =
     theirs, drawn = ((), EYES) if eyeballs else (EYES, ())  # lids of shut eyes
     apertures = Apertures(reference, person.at_rest, (*own_eyes, *own_mouth), theirs, tint, drawn)
     drawn_brows = DrawnBrows(reference)
-    alpha = feather(mask, (FEATHER if shows_skin else NARROW_FEATHER) * reference.resolution)
-    alpha = np.maximum(alpha, beards * feather(mask, BEARD_LIMITS.edge_face_widths * reference.resolution))
+    alpha = _alpha(reference, FEATHER if shows_skin else NARROW_FEATHER, beards)
     blend, rest = Blend(relief, alpha, look.renderer), texture.transfer.source
     looks = (Gaze(irises.source, person.at_rest).follow,) if irises else ()
     glasses = _glasses(donor, texture.transfer, reference) if look.glasses == "keep" else ()
@@ -197,6 +190,30 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look, *, shows_skin: bool =
         surface.compare, blend.write, *glasses,
     )  # fmt: skip
     return Plan(look, person.identity, donor.clean, texture, blend, rest, seeing, placing, drawing)
+
+
+def _in_tone_of(
+    person: TrackedPerson, donor: Donor, even: AppearanceModel, bare: F32, *, shows_skin: bool
+) -> AppearanceModel:
+    """A donor's face fit for the contrast and tone of a person in even light.
+
+    bare : (h, w) share in [0, 1] of skin without a beard.
+    """
+    if shows_skin:
+        of_photo = person.identity.is_of_photo or donor.enrolled.is_of_photo
+        return toned(donor.clean.appearance, even, rim=bare, shades="all" if of_photo else "own")
+    # Brows move farther from where theirs were, and the end of one is no shade.
+    brows = soft_parts(person.identity.reference, (RIGHT_BROW, LEFT_BROW), BROW_REACH)
+    return toned(donor.clean.appearance, even, rim=bare * (1 - brows), shades="colour")
+
+
+def _alpha(reference: ReferenceFrame, edge: float, beards: F32) -> F32:
+    """(h, w) by which the face is drawn, with a soft edge in face widths, where beards (h, w) end a narrower one."""
+    wide, narrow = (
+        feather(reference.mask, width * reference.resolution)
+        for width in (edge, BEARD_LIMITS.edge_face_widths)
+    )
+    return np.asarray(np.maximum(wide, beards * narrow), np.float32)
 
 
 def _painted_eyes(person: TrackedPerson, donor: Donor, rgb: F32) -> tuple[Step, ...]:

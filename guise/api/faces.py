@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 from guise.aam.model import Identity
 from guise.api.options import AnyPath, TrainOptions, WatchOptions
@@ -67,7 +67,6 @@ def enroll(
         When a clip cannot be read or shows no face that could be learned.
     """
     from guise.app.people.kept import place_for
-    from guise.app.photos.enrol_photos import are_photos
     from guise.common.files import require_free
 
     left: dict[str, Any] = {**options}
@@ -80,25 +79,41 @@ def enroll(
     if output is not None:
         require_free(Path(output), force=overwrite)
     with as_files(several) as files:
-        source = _source(paths(landmarks), landmarker, refine, len(files))
-        training = _training(left, files[0], rest)
+        points = _Points(paths(landmarks), landmarker, person, refine)
         called = name or files[0].stem
         place = place_for(called) if keep else None
-        if are_photos(files):
-            if paths(landmarks) or landmarker or person or refine is not None:
-                raise GuiseError(
-                    "photos are enrolled by the built-in landmarker: leave landmarks, landmarker, person and refine out"
-                )
-            found = _in_photos(files, called, training, progress, say)
-        else:
-            from guise.app.enrolment.enrol import enrol
-
-            found = enrol(
-                files, source, name=called, person=person, options=training, progress=progress, say=say
-            )
+        found = _learned(files, points, called, _training(left, files[0], rest), progress, say)
     for path in filter(None, (path_of(output), place)):
         found.save(path)
     return found
+
+
+class _Points(NamedTuple):
+    """Where the landmarks of clips come from, as `enroll` takes it."""
+
+    files: list[Path]
+    landmarker: str | None
+    person: int | None
+    refine: bool | None
+
+
+def _learned(
+    files: list[Path], points: _Points, name: str, options: TrainingOptions, progress: Progress, say: Say
+) -> Identity:
+    """The model of the person in clips, or in photos."""
+    from guise.app.enrolment.enrol import enrol
+    from guise.app.photos.enrol_photos import are_photos
+
+    source = _source(points.files, points.landmarker, points.refine, len(files))
+    if not are_photos(files):
+        return enrol(
+            files, source, name=name, person=points.person, options=options, progress=progress, say=say
+        )
+    if points.files or points.landmarker or points.person or points.refine is not None:
+        raise GuiseError(
+            "photos are enrolled by the built-in landmarker: leave landmarks, landmarker, person and refine out"
+        )
+    return _in_photos(files, name, options, progress, say)
 
 
 def _training(options: dict[str, Any], clip: Path, rest: float | None) -> TrainingOptions:
