@@ -1,4 +1,4 @@
-"""EyeTurns turn as those of the source do, about their own centres, and never leave them.  Any unit."""
+"""Eyeballs turn as those of the source do, about their own centres, and never leave them.  Any unit."""
 
 from __future__ import annotations
 
