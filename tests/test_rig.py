@@ -27,7 +27,7 @@ from guise.app.rig.formats import write_curves
 from guise.app.rig.head import open_head, shipped_head
 from guise.app.rig.live import run_rig_live
 from guise.app.rig.options import RigLiveOptions
-from guise.app.rig.turns import gltf_rotation, vmc_rotation
+from guise.app.rig.turns import gltf_rotation, turn_beside, vmc_rotation
 from guise.app.rig.vmc import PACKET_BYTES, VmcSender
 from guise.common.closing import Closing
 
@@ -53,6 +53,14 @@ def test_rotations_are_the_pose_in_the_axes_of_others() -> None:
             Rotation.from_quat(gltf_rotation(found)).as_matrix(), flipped @ turn @ flipped, atol=1e-9
         )
         assert_allclose(Rotation.from_quat(vmc_rotation(found)).as_matrix(), turn, atol=1e-9)
+
+
+def test_a_recentred_head_turns_in_the_axes_of_where_it_was() -> None:
+    rng = np.random.default_rng(1)
+    for turn, rest in rng.uniform(-50, 50, (10, 2, 3)):
+        was, now = (Rotation.from_quat(gltf_rotation(one)) for one in (rest, turn))
+        found = Rotation.from_quat(gltf_rotation(turn_beside(turn, rest)))
+        assert_allclose(found.as_matrix(), (was.inv() * now).as_matrix(), atol=1e-9)
 
 
 def test_a_frame_without_a_face_holds_the_one_before() -> None:

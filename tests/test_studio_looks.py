@@ -14,7 +14,7 @@ from guise.app.media.pictures import save_picture
 
 axe = pytest.importorskip("axe_playwright_python.sync_playwright")
 
-PAGES = ("/", "/live", "/swap", "/people", "/landmarks", "/deidentify", "/analogy")
+PAGES = ("/", "/live", "/swap", "/people", "/landmarks", "/deidentify", "/analogy", "/rig")
 COLOURS = {"runOnly": ["color-contrast"]}
 LOOKS = (  # width, colour scheme, and what is looked for; the second differs from the first in colours alone
     (1440, "light", {}),

@@ -317,13 +317,13 @@ def test_dark_is_chosen_with_the_keyboard_and_remembered(
 
 def test_the_keyboard_reaches_everything_visibly(page: Any) -> None:
     seen = []
-    for _ in range(12):
+    for _ in range(13):
         page.keyboard.press("Tab")
         ring = "(style => style.outlineColor + style.boxShadow)(getComputedStyle(document.activeElement))"
         seen.append(tuple(page.evaluate(f"[document.activeElement.textContent.trim(), {ring}]")))
     words = [word for word, _ in seen]
-    pages = ["Live", "Swap", "People", "Landmarks", "De-identify", "Analogy"]
-    assert words[:8] == ["Skip to content", "Guise", *pages]
+    pages = ["Live", "Swap", "People", "Landmarks", "De-identify", "Analogy", "Rig"]
+    assert words[:9] == ["Skip to content", "Guise", *pages]
     assert {"upload", "videocam"} <= {word.split("Choose")[0].split("Record")[0] for word in words}
     assert [word for word, style in seen if word and AMBER not in style] == []
     assert page.locator("main").count() == 1
@@ -367,6 +367,7 @@ def test_every_page_asks_for_consent_before_anything_is_made(browser: Any, tmp_p
             "/landmarks",
             "/deidentify",
             "/analogy",
+            "/rig",
             "/swap/nothing",
             "/",
             "/swap",

@@ -114,6 +114,22 @@ def open_head(
         return _read(made, path)
 
 
+def read_rig_head(path: Path) -> RigHead:
+    """A head that has some of ARKit's morph targets.
+
+    Raises
+    ------
+    MeshError
+        When it has none, or cannot be read.
+    """
+    found = _read(path, path)
+    if not found.shapes:
+        raise MeshError(
+            f"{path} has none of ARKit's 52 shapes, such as jawOpen: `guise analogy mesh rig` makes them for a head"
+        )
+    return found
+
+
 def shipped_head() -> Path:
     """The head that ships with Guise."""
     return samples_folder() / SHIPPED
@@ -142,11 +158,14 @@ def _read(file: Path, path: Path) -> RigHead:
 def _place(name: str) -> int:
     """The coefficient of a morph target's name, -1 for none.
 
-    >>> _place("EyeBlink_L") == INDEX["eyeBlinkLeft"], _place("Smile")
-    (True, -1)
+    >>> _place("EyeBlink_L") == INDEX["eyeBlinkLeft"], _place("face.mouthPucker") == INDEX["mouthPucker"]
+    (True, True)
+    >>> _place("Smile")
+    -1
     """
-    plain = re.sub("_?(left|right|l|r)$", lambda side: f"_{side[1][0]}", name.rpartition(".")[2].lower())
-    return INDEX.get(name, _PLACES.get(plain, _PLACES.get(name.lower(), -1)))
+    bare = name.rpartition(".")[2].lower()
+    plain = re.sub("_?(left|right|l|r)$", lambda side: f"_{side[1][0]}", bare)
+    return _PLACES.get(plain, _PLACES.get(bare, -1))
 
 
 def _rotations_above(held: GltfContainer) -> dict[int, tuple[F64, F64]]:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from guise.aam.rig.calibration import load, save
-from guise.aam.rig.coefficients import RigCalibration
+from guise.aam.rig.coefficients import Coefficients, RigCalibration
 from guise.app.live.capture import CameraCapture, Capture, FileCapture
 from guise.app.live.controls import Controls
 from guise.app.live.face import FaceResult
@@ -29,11 +31,15 @@ from guise.app.rig.head import open_head
 from guise.app.rig.options import RigLiveOptions
 from guise.app.rig.preview import RigWindow
 from guise.app.rig.shown import RigFrame
+from guise.app.rig.turns import turn_beside
 from guise.app.rig.vmc import VmcSender
+from guise.common.arrays import F64
 from guise.common.errors import GuiseError, OutputError
 from guise.common.files import require_free, write_whole
 from guise.common.progress import Progress, Say, mute, silent
 from guise.common.threads import one_thread
+
+SENTENCE_SECONDS = 3.0  # for which a sentence is shown
 
 
 @dataclass(frozen=True)
@@ -62,79 +68,104 @@ class RigLiveReport:
 
 
 class RigControls(Controls):
-    """Keys of the window: C calibrates, M mirrors, Q ends.   asked : set when a calibration is wished for."""
+    """Keys: C calibrates, H has the head look straight ahead, M mirrors, Q ends.
+
+    asked, centred : set when a calibration, or a head that looks straight ahead as it is held now, is wished for.
+    """
 
     def __init__(self, *, mirror: bool) -> None:
         super().__init__(settings=LiveSettings(mirror=mirror))
-        self.asked = threading.Event()
+        self.asked, self.centred = threading.Event(), threading.Event()
 
     def press(self, key: str) -> None:
         """Handle a key."""
         if key == "c":
             self.asked.set()
+        elif key == "h":
+            self.centred.set()
         elif key in ("m", "q", "escape"):
             super().press(key)
+
+
+class CurveOutput(Output):
+    """Records the coefficients of what is shown, but for calibrations.   recorder : None while nothing is recorded."""
+
+    lossless = True
+
+    def __init__(self, recorder: CurveRecorder | None = None) -> None:
+        self.recorder = recorder
+
+    def show(self, shown: OutputFrame) -> None:
+        """Take a frame."""
+        assert isinstance(shown, RigFrame)
+        if (recorder := self.recorder) is not None and not shown.calibrating:
+            recorder.add(float(shown.frame.seconds), shown.coefficients)
 
 
 class RigProcessor:
     """Finds coefficients, and calibrates when asked: a `guise.app.live.pipeline.FrameProcessor`.
 
-    asked : set when a calibration is wished for.   keep : called with each.
+    controls : the user's wishes.   keep : called with each calibration.
     """
 
     def __init__(
-        self, calibration: RigCalibration | None, asked: threading.Event, keep: Path | None, say: Say
-    ) -> None:
+        self, calibration: RigCalibration | None, controls: RigControls, keep: Callable[[RigCalibration], None],
+        say: Say = mute,
+    ) -> None:  # fmt: skip
         self.calibration, self.follower = calibration, RigFollower(calibration)
-        self.recorder = CurveRecorder()
-        self._asked, self._keep, self._say = asked, keep, say
+        self._controls, self._keep, self._say = controls, keep, say
         self._asking: AskedCalibration | None = None
-        self._last = ""
+        self._message, self._until = "", -math.inf
+        self._ahead: F64 | None = None  # the turn of a head that looks straight ahead
 
     def process(self, frame: Frame, arrived: float, stats: PipelineStats) -> OutputFrame:
         """The coefficients of a frame, which stays as it is."""
         rgb, seconds = frame.rgb(), float(frame.seconds)
         face = self.follower.find(rgb)
         points = None if face is None else face.points
-        if self._asked.is_set():
-            self._asked.clear()
+        if self._controls.asked.is_set():
+            self._controls.asked.clear()
             self._asking = AskedCalibration()
-        message = "" if self._asking is None else self._calibrate(self._asking.see(rgb, points, seconds))
-        found = None if points is None else self.follower.estimate(rgb, points, seconds)
-        if self._asking is None:
-            self.recorder.add(seconds, found)
+        if self._asking is not None:
+            self._tell(self._calibrate(self._asking.see(rgb, points, seconds)), seconds)
+        found = None if points is None else self._ahead_of(self.follower.estimate(rgb, points, seconds))
         result = (
             FaceResult("lost") if face is None else FaceResult("shown", confidence=float(face.confidence))
         )
         return RigFrame(
-            frame, result, stats, arrived, message, coefficients=found, points=points,
-            calibrated=self.calibration is not None,
+            frame, result, stats, arrived, self._message if seconds < self._until else "", coefficients=found,
+            points=points, calibrated=self.calibration is not None, calibrating=self._asking is not None,
         )  # fmt: skip
 
     def close(self) -> None:
         """Nothing is held."""
 
+    def _ahead_of(self, found: Coefficients) -> Coefficients:
+        """With the head's turn beside that in which the user looked straight ahead."""
+        if self._controls.centred.is_set():
+            self._controls.centred.clear()
+            self._ahead = found.head
+        return found if self._ahead is None else found._replace(head=turn_beside(found.head, self._ahead))
+
+    def _tell(self, sentence: str, seconds: float) -> None:
+        """Show a sentence for a while, and say it once."""
+        if sentence != self._message:
+            self._say(sentence)
+        self._message, self._until = sentence, seconds + SENTENCE_SECONDS
+
     def _calibrate(self, sentence: str) -> str:
-        """Say what is asked for, and use and keep what was learned."""
+        """What to say: what is asked for, or what came of it, which is used and kept."""
         asking = self._asking
         assert asking is not None
-        if sentence != self._last and sentence:
-            self._say(sentence)
-        self._last = sentence
         if sentence:
             return sentence
         self._asking = None
         if asking.result is None:
-            self._say(asking.problem)
             return asking.problem
         self.calibration = asking.result
         self.follower.calibrate(asking.result)
-        self._say("Calibrated.")
-        if self._keep is not None:
-            made = asking.result
-            write_whole(self._keep, lambda part: save(made, part))
-            self._say(f"Saved the calibration in {self._keep}.")
-        return ""
+        self._keep(asking.result)
+        return "Calibrated."
 
 
 def run_rig_live(
@@ -165,6 +196,7 @@ def run_rig_live(
     calibration = _known(options)
     head = open_head(options.head, options.unit, progress, say) if is_glb else None
     controls, stopped = RigControls(mirror=options.mirror), stopped or threading.Event()
+    recorder = CurveRecorder() if options.output is not None else None
     with contextlib.ExitStack() as stack, one_thread():
         own: list[Output] = [*outputs]
         sender = VmcSender(options.vmc) if options.vmc else None
@@ -178,30 +210,26 @@ def run_rig_live(
         capture = stack.enter_context(_capture(options, say))
         if calibration is None and options.input is None and (options.window or options.calibration):
             controls.asked.set()
-        processor = RigProcessor(calibration, controls.asked, options.calibration, say)
-        pipeline = Pipeline(
-            capture, lambda: processor, own or [_Nothing()], lambda: _goes_on(controls, stopped)
-        )
+        processor = RigProcessor(calibration, controls, partial(_keep, options.calibration, say), say)
+        own.append(CurveOutput(recorder))
+        pipeline = Pipeline(capture, lambda: processor, own, lambda: _goes_on(controls, stopped))
         with contextlib.suppress(KeyboardInterrupt):
             pipeline.run()
         stats = pipeline.stats
     written = None
-    if options.output is not None:
-        if not processor.recorder.with_face:
+    if options.output is not None and recorder is not None:
+        if not recorder.with_face:
             raise GuiseError(f"no face was seen, and {options.output} was not written")
         written = write_rig_file(
-            options.output, processor.recorder, head, processor.calibration, processor.follower, start, ()
+            options.output, recorder, head, processor.calibration, processor.follower, start, ()
         )
     return RigLiveReport(0 if sender is None else sender.sent, written, processor.follower.per_frame, stats)
 
 
-class _Nothing(Output):
-    """Where only a file is written, when all has ended."""
-
-    lossless = True
-
-    def show(self, shown: OutputFrame) -> None:
-        """Do nothing."""
+def _keep(path: Path | None, say: Say, calibration: RigCalibration) -> None:
+    if path is not None:
+        write_whole(path, lambda part: save(calibration, part))
+        say(f"Saved the calibration in {path}.")
 
 
 def _goes_on(controls: Controls, stopped: threading.Event) -> bool:

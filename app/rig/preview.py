@@ -26,7 +26,7 @@ from guise.common.errors import OutputError
 HEIGHT, PANEL = 720, 330  # of the picture that is shown, and the width of its panel
 TOP, ROW = 30, 13  # where the bars begin, and from one to the next
 BAR_LEFT, BAR_LENGTH = 150, 165
-KEYS = "C calibrates   M mirrors   Q ends"
+KEYS = "C calibrates   H looks ahead   M mirrors   Q ends"
 
 
 class RigWindow(Window):

@@ -40,6 +40,21 @@ def inverse(rotation: Floating) -> F64:
     return np.asarray(rotation, np.float64) * (-1, -1, -1, 1)
 
 
+def turn_beside(turn: Floating, rest: Floating) -> F64:
+    """(3,) the turn of a head in the axes of what it looks like when turned by `rest`.
+
+    >>> turn_beside(np.array([30.0, 10, 0]), np.array([30.0, 0, 0])).round(3).tolist()
+    [0.0, 10.0, 0.0]
+    """
+    from scipy.spatial.transform import Rotation
+
+    turned, ahead = (
+        Rotation.from_euler("ZYX", (roll, -yaw, -pitch), degrees=True) for yaw, pitch, roll in (turn, rest)
+    )
+    roll, yaw, pitch = (ahead.inv() * turned).as_euler("ZYX", degrees=True)
+    return np.array([-yaw, -pitch, roll]) + 0.0
+
+
 def _about(axis: int, degrees: F64) -> F64:
     half = np.radians(degrees) / 2
     found = np.zeros((*np.shape(half), 4))

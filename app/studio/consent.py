@@ -9,7 +9,8 @@ from nicegui import ui
 AGREED = "consent"  # the setting
 CONSENT = (
     "Guise changes faces in your own videos and photos, and at your own camera. Everything stays in a folder "
-    "on this computer that only you can read. Nothing is sent anywhere, and you can delete all of it here.",
+    "on this computer that only you can read, and you can delete all of it here. Nothing is sent anywhere, but for the "
+    "numbers that the page Rig sends when you say so.",
     "Change and show only the faces of people who agreed, and tell people it is synthetic: files made here are marked "
     "as such. The built-in faces are of people who do not exist.",
 )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from nicegui import ui
 
@@ -16,12 +17,14 @@ class FilePicker:
     """A choice among the files of some kinds, with previews and an upload button.
 
     name : short.   label : what to choose.   several : more than one file can be chosen.
+    changed : called when another choice was made.
     """
 
     def __init__(
-        self, studio: Studio, name: str, label: str, kinds: Sequence[UploadKind], *, several: bool = False
-    ) -> None:
-        self._studio, self._kinds, self._several = studio, kinds, several
+        self, studio: Studio, name: str, label: str, kinds: Sequence[UploadKind], *, several: bool = False,
+        changed: Callable[[], Any] = lambda: None,
+    ) -> None:  # fmt: skip
+        self._studio, self._kinds, self._several, self._changed = studio, kinds, several, changed
         with ui.column().classes("w-full min-w-0").props("role=group") as group:
             group.props["aria-label"] = name
             self._group = group
@@ -63,10 +66,12 @@ class FilePicker:
         value = chosen if self._several else next(iter(chosen), None)
         self._select.set_options({id: row.name for id, row in rows.items()}, value=value)
 
-    def _chose(self) -> None:
+    async def _chose(self) -> None:
         """Show what was chosen; the place for files is smaller then."""
         self._group.classes(**{"add" if self.chosen else "remove": "picked"})
         self._previews.refresh()
+        if (then := self._changed()) is not None:
+            await then
 
     @ui.refreshable_method
     def _previews(self) -> None:

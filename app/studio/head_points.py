@@ -38,11 +38,12 @@ class Standing:
         middle = self._scale * Z_UP @ np.array(view["centre"])
         self._shift = np.array([x, 0, 0]) - middle
 
-    def place(self, scene: ui.scene, url: str) -> str:
-        """Put the head of a GLB into a scene; its id there."""
+    def place(self, scene: ui.scene, url: str, *, mirror: bool = False) -> str:
+        """Put the head of a GLB into a scene, maybe as in a mirror; its id there."""
+        side = -1 if mirror else 1
         with scene:
-            made = scene.gltf(url).scale(self._scale).rotate_R(self._turned.tolist())
-        made.move(*self._shift)
+            made = scene.gltf(url).rotate_R(self._turned.tolist())
+        made.scale(side * self._scale, self._scale, self._scale).move(side * self._shift[0], *self._shift[1:])
         return made.id
 
     def to_scene(self, position: F64) -> F64:

@@ -22,16 +22,18 @@ class Stage:
 
     Attributes
     ----------
-    own, result : video elements with the camera's picture and with what came of it.
+    own, result : video elements with the camera's picture and with what came of it; the latter may be another element.
     """
+
+    own_name = "Your camera"
 
     def __init__(self) -> None:
         with ui.element("div").classes("stage-place"):
             with ui.element("div").classes("stage") as box:
                 self._box = box
-                self.result = video("The result")
+                self.result = self.build_result()
                 with ui.element("div").classes("inset") as self._inset:
-                    self.own = video("Your camera")
+                    self.own = video(self.own_name)
                     with ui.element("svg").classes("absolute inset-0 w-full h-full") as self._drawing:
                         self._drawing.props('aria-hidden="true" pointer-events="none"')
                         self._mesh = ui.element("path").props('fill="none" stroke="#5af082" d=""')
@@ -46,10 +48,18 @@ class Stage:
                     self._missing = ui.label().classes("tabular-nums")
         box.on("dblclick", js_handler=f"() => guiseLive.fillScreen({box.id})")
 
-    def buttons(self) -> None:
-        """Add what shows the stage elsewhere."""
+    def build_result(self) -> ui.element:
+        """The place of the result."""
+        return video("The result")
+
+    def fill_button(self) -> None:
+        """Add what shows the stage on the whole screen."""
         fill = ui.button("Full screen", icon="fullscreen").props("outline")
         fill.on("click", js_handler=f"() => guiseLive.fillScreen({self._box.id})")
+
+    def buttons(self) -> None:
+        """Add what shows the stage elsewhere."""
+        self.fill_button()
         pop = ui.button("Pop out", icon="open_in_new").props("outline").classes("max-sm:hidden")
         pop.on("click", js_handler=f"() => guiseLive.popOut({self.result.id})")
         pop.tooltip("The result alone in a window of its own, for OBS and the like")

@@ -15,7 +15,7 @@ from nicegui import app as nicegui_app
 from nicegui import ui
 from starlette.types import ASGIApp
 
-from guise.app.studio import analogy, deidentify, landmarks, live, people, start, swap
+from guise.app.studio import analogy, deidentify, landmarks, live, people, rig, start, swap
 from guise.app.studio.jobs import JobQueue
 from guise.app.studio.request_guard import RequestGuard
 from guise.app.studio.site import STATIC, Studio, serve_files, serve_missing
@@ -26,7 +26,7 @@ HOST = "127.0.0.1"
 PAGE_LIFETIME_SECONDS = (
     15.0  # for which the page of an unresponsive browser is kept; the processor may be busy
 )
-PAGES = (start, live, swap, people, landmarks, deidentify, analogy)
+PAGES = (start, live, swap, people, landmarks, deidentify, analogy, rig)
 
 
 def serve(

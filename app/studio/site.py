@@ -32,6 +32,7 @@ LINKS = {
     "Landmarks": "/landmarks",
     "De-identify": "/deidentify",
     "Analogy": "/analogy",
+    "Rig": "/rig",
 }
 FILE_PATHS = ("/files/", "/static/", "/gallery/", "/portraits/", "/montages/", "/_nicegui")  # of no pages
 JOB_POLL_SECONDS = 0.3

@@ -1,7 +1,8 @@
 """The studio's tasks at six screens in Chromium: what axe, the console and the layout say, and a picture of each step.
 
 On every page its main task is done as a visitor would: photos and a clip are dropped, a swap and a de-identified copy
-are made, a person is learned, landmarks are opened, an expression is copied, a camera is shown with another face.
+are made, a person is learned, landmarks are opened, an expression is copied, a camera is shown with another face
+and drives a rig.
 With --work the pictures stay in that folder, to be looked at.
 """
 
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import base64
+import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -192,11 +194,36 @@ def live(visit: Visit) -> None:
     visit.press("Stop")
 
 
-TASKS: tuple[Callable[[Visit], None], ...] = (start, swap, deidentify, people, analogy, live)
+def rig(visit: Visit) -> None:
+    """The camera, then a clip, drives a head; the clip's curves are downloaded."""
+    visit.go("/rig")
+    visit.page.wait_for_function("guiseRig.morphs.length > 0")
+    visit.look("rig")
+    visit.press("Start")
+    visit.page.get_by_role("button", name="Stop", exact=True).wait_for()
+    visit.page.wait_for_timeout(5_000)
+    visit.look("rig_on")
+    visit.press("Calibrate")
+    visit.see("1 of 5")
+    visit.look("rig_calibrating")
+    visit.press("Stop")
+    visit.page.get_by_text("Coefficients").click()
+    for place, name in enumerate(("rig.glb", "anna.mp4")):
+        visit.drop(name, place)
+        visit.page.get_by_role("group", name=("Head", "Clip")[place]).locator("img, video").first.wait_for()
+    visit.press("Start")
+    visit.see("Recordings")
+    with visit.page.expect_download():
+        visit.press("Animated GLB")
+    visit.look("rig_recorded")
+
+
+TASKS: tuple[Callable[[Visit], None], ...] = (start, swap, deidentify, people, analogy, live, rig)
 
 
 def write_files(folder: Path) -> None:
-    """A short clip of a sample person, and photos of two."""
+    """A short clip of a sample person, photos of two, and a rig."""
+    shutil.copy(SAMPLES / "heads" / "arkit.glb", folder / "rig.glb")
     for name, person, frame in (("anna", "p01", 0), ("anna_smiles", "p01", 60), ("ben", "p06", 0)):
         with open_input(SAMPLES / person / "talk.mp4") as media:
             save_picture(folder / f"{name}.png", next(islice(media, frame, None)).rgb())

@@ -6,16 +6,21 @@ const guiseHeads = {
   // Heads load in the background, so that it tries again until they are there.
   show(scene, ids, shape, amount, tries = 100) {
     const objects = getElement(scene)?.objects;
-    objects?.get("scene").mesh.traverse((light) => { // studio lighting: shadows reveal the shape
-      if (light.isAmbientLight) light.intensity = 0.6;
-      if (light.isDirectionalLight) { light.intensity = 2.2; light.position.set(-4, -6, 5); }
-    });
+    this.light(scene);
     const heads = ids.map((id) => objects?.get(id)?.mesh).filter(Boolean);
     heads.forEach((head) => head.traverse((part) => {
       part.morphTargetInfluences?.fill(0);
       if (part.morphTargetInfluences && shape >= 0) part.morphTargetInfluences[shape] = amount;
     }));
     if (heads.length < ids.length && tries) setTimeout(() => this.show(scene, ids, shape, amount, tries - 1), 100);
+  },
+
+  // Studio lighting: shadows reveal the shape.
+  light(scene) {
+    getElement(scene)?.objects?.get("scene").mesh.traverse((light) => {
+      if (light.isAmbientLight) light.intensity = 0.6;
+      if (light.isDirectionalLight) { light.intensity = 2.2; light.position.set(-4, -6, 5); }
+    });
   },
 
   // A drag turns a scene's heads; the click at its end is none.

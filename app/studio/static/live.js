@@ -12,13 +12,14 @@ const guiseLive = {
 
   // Opens camera, microphone and connection; own and result are video elements, lines those that a picture should have.
   // Without own, the studio has another camera.  The answer's "silent" says that the sound that is wanted is missing.
-  async begin(own, result, address, withSound, lines) {
+  // show : takes what comes back, if that is no pictures for result.
+  async begin(own, result, address, withSound, lines, show) {
     this.end();
     const session = this.session = { own, result, out: [], count: 0, returned: 0, glanced: -Infinity };
     try {
       if (!window.VideoFrame) throw new DOMException("", "NotSupportedError");
       await this.open(session, own, withSound, lines);
-      session.draw = drawing(result);
+      session.show = show ?? this.pictures(result);
       session.socket = await connected(address);
       session.socket.onmessage = ({ data }) => this.take(session, data);
       session.socket.onclose = () => { if (this.session === session) this.end(); };
@@ -82,18 +83,27 @@ const guiseLive = {
     if (this.session === session && open) session.socket.send(message);
   },
 
-  // Shows a picture that has come back.
+  // Shows what has come back, which has the number of a picture that was sent.
   take(session, data) {
-    const head = new DataView(data);
-    const [width, height, matrix, full] = [4, 6, 8, 10].map((at) => head.getUint16(at, true));
-    session.out = session.out.filter((number) => number > head.getUint32(20, true));
+    const number = new DataView(data).getUint32(20, true);
+    session.out = session.out.filter((one) => one > number);
     session.returned = performance.now();
-    const colorSpace = { primaries: "bt709", transfer: "bt709", matrix: matrix === BT709 ? "bt709" : "smpte170m" };
-    session.draw(new VideoFrame(new Uint8Array(data, HEADER_BYTES), {
-      format: "I420", codedWidth: width, codedHeight: height, timestamp: Math.round(1000 * session.returned),
-      colorSpace: { ...colorSpace, fullRange: Boolean(full) },
-    }));
-    this.follow();
+    session.show(data);
+  },
+
+  // What shows pictures in a video element.
+  pictures(video) {
+    const draw = drawing(video);
+    return (data) => {
+      const head = new DataView(data);
+      const [width, height, matrix, full] = [4, 6, 8, 10].map((at) => head.getUint16(at, true));
+      const colorSpace = { primaries: "bt709", transfer: "bt709", matrix: matrix === BT709 ? "bt709" : "smpte170m" };
+      draw(new VideoFrame(new Uint8Array(data, HEADER_BYTES), {
+        format: "I420", codedWidth: width, codedHeight: height, timestamp: Math.round(1000 * performance.now()),
+        colorSpace: { ...colorSpace, fullRange: Boolean(full) },
+      }));
+      this.follow();
+    };
   },
 
   // Shows the result alone in a window of its own, by whose title other programs capture it.
@@ -205,7 +215,10 @@ function drawing(video) {
     const track = new MediaStreamTrackGenerator({ kind: "video" });
     const writer = track.writable.getWriter();
     video.srcObject = new MediaStream([track]);
-    return (frame) => writer.write(frame).catch(() => frame.close());
+    return (frame) => { // one that would have to wait is left out
+      if (writer.desiredSize > 0) writer.write(frame).catch(() => frame.close());
+      else frame.close();
+    };
   }
   const canvas = document.createElement("canvas");
   const context = canvas.getContext("2d", { alpha: false });
