@@ -74,3 +74,25 @@ def test_a_box_beyond_the_picture_is_always_looked_at(counted: Counted, rgb: U8)
     for _ in range(3):
         looks.look_in_box(rgb, BOX + 300, 0.0)
     assert counted.looks == 3
+
+
+class Refusing(Counted):
+    """A landmarker that finds a face nowhere."""
+
+    def __init__(self, likeness: float) -> None:
+        super().__init__()
+        self.likeness = likeness
+
+    def look_in_box(self, rgb: U8, box: F32, turn: float) -> tuple[None, float]:  # type: ignore[override]
+        self.looks += 1
+        return None, self.likeness
+
+
+@pytest.mark.parametrize(("likeness", "expected"), [(-20.0, 3), (LIMITS.refused_likeness + 1, 12)])
+def test_a_place_far_from_any_face_is_left_alone_for_some_looks(likeness: float, expected: int) -> None:
+    landmarker = Refusing(likeness)
+    looks = Looks(landmarker)  # type: ignore[arg-type]
+    moving = np.random.default_rng(2).integers(20, 230, (12, 120, 120, 3)).astype(np.uint8)
+    for k, rgb in enumerate(moving):
+        looks.look_in_box(rgb, BOX + k, 0.0)  # further in all than one look's box reaches
+    assert landmarker.looks == expected

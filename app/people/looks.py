@@ -30,6 +30,8 @@ class LookLimits:
     patch_pixels: int = 16  # side of the small picture
     max_grey_levels: int = 2  # by which any of its pixels may differ
     kept: int = 64  # looks
+    refused_likeness: float = -6.0  # a logit, far below that of any face
+    refused_looks: int = 3  # for which a place so refused is left alone, whatever changes there
 
 
 LIMITS = LookLimits()
@@ -37,13 +39,17 @@ LIMITS = LookLimits()
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """What was seen: box (4,), turn, or None of a face that was followed, small picture, face and likeness."""
+    """What was seen: box (4,), turn, or None of a face that was followed, small picture, face and likeness.
+
+    rests : how often it may be taken for what is there now, though that has changed.
+    """
 
     box: F32
     turn: float | None
     patch: U8
     face: Face | None
     likeness: float
+    rests: int = 0
 
 
 class Looks:
@@ -107,12 +113,17 @@ class Looks:
                 is_same = (
                     now is not None and int(cv2.absdiff(now, look.patch).max()) <= LIMITS.max_grey_levels
                 )
-                return look if is_same else None
+                if is_same or not look.rests:
+                    return look if is_same else None
+                self._kept.append(replace(look, box=box, rests=look.rests - 1))
+                return look
         return None
 
     def _keep(self, rgb: U8, box: F32, turn: float | None, face: Face | None, likeness: float) -> None:
         if (patch := _patch(rgb, box)) is not None:
-            self._kept.append(_Look(box, turn, patch, face, likeness))
+            is_refused = turn is not None and face is None and likeness < LIMITS.refused_likeness
+            rests = LIMITS.refused_looks if is_refused else 0
+            self._kept.append(_Look(box, turn, patch, face, likeness, rests))
 
 
 def _boxed(face: Face) -> Face:
