@@ -19,7 +19,7 @@ class Reach:
     outline: float
 
 
-REACHES = {"face": Reach(0.29, 1.0), "head": Reach(0.29, 0.76)}  # by what a swap replaces
+REACHES = {"face": Reach(0.29, 1.0), "head": Reach(0.24, 0.76)}  # by what a swap replaces
 PROPOSAL = "Hair and outline stay: where they tell who somebody is, replace the head (--region head)."
 
 
