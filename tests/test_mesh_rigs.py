@@ -256,7 +256,7 @@ def test_a_document_with_anything_in_it_is_a_sentence_or_a_mesh(tmp_path: Path) 
 
 def test_a_rig_needs_targets_and_a_sequence_an_animation(tmp_path: Path) -> None:
     file = head().read(tmp_path)
-    with pytest.raises(MeshError, match=r"made\.glb: it has no morph targets: give a GLB or glTF file"):
+    with pytest.raises(MeshError, match=r"made\.glb: it has no morph targets: give a GLB, glTF or VRM file"):
         read_rig(file.path)
     with pytest.raises(MeshError, match=r"made\.glb: it has no animation of morph targets"):
         next(read_frames(file.path, file))

@@ -106,14 +106,18 @@ def test_the_animation_of_a_glb_is_the_curves(tmp_path: Path) -> None:
         assert_allclose(vertices, rest + np.tensordot(weights, rig.shapes - rest, 1), atol=1e-5)
 
 
-def test_blender_imports_the_shapes_by_name(tmp_path: Path) -> None:
-    bpy = pytest.importorskip("bpy")
+def test_blender_imports_the_shapes_by_name_and_exports_fbx_and_usd(tmp_path: Path) -> None:
+    bpy = pytest.importorskip("bpy", reason="Blender as a Python module is 1.3 GB: pip install bpy")
     write_curves(tmp_path / "a.glb", curves(), open_head(None))
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.import_scene.gltf(filepath=str(tmp_path / "a.glb"))
     keys = bpy.data.objects["head"].data.shape_keys
     assert [key.name for key in keys.key_blocks][1:] == list(ARKIT_NAMES)
     assert keys.animation_data is not None
+    bpy.ops.export_scene.fbx(filepath=str(tmp_path / "a.fbx"))
+    bpy.ops.wm.usd_export(filepath=str(tmp_path / "a.usda"))
+    for suffix in (".fbx", ".usda"):
+        assert b"mouthFunnel" in (tmp_path / "a").with_suffix(suffix).read_bytes()
 
 
 class Receiver(Closing):

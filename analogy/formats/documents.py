@@ -17,6 +17,7 @@ from guise.analogy.mesh import MeshError
 from guise.common.arrays import F64, Int
 
 MAX_FILE_BYTES = 1 << 30  # bytes of a file
+GLTF_SUFFIXES = (".glb", ".gltf", ".vrm")
 
 
 class Document(Protocol):
@@ -50,7 +51,7 @@ class Document(Protocol):
 
 
 def read_document(path: Path) -> Document:
-    """An OBJ, PLY, glTF or GLB file; MeshError when it cannot be read."""
+    """An OBJ, PLY, glTF, GLB or VRM file; MeshError when it cannot be read."""
     if not path.exists():
         raise MeshError("the file does not exist")
     kind = path.suffix.lower()
@@ -58,9 +59,9 @@ def read_document(path: Path) -> Document:
         return ObjDocument(_read_bytes(path))
     if kind == ".ply":
         return PlyDocument(_read_bytes(path))
-    if kind in (".glb", ".gltf"):
-        return GltfDocument(_read_bytes(path), path.parent)
-    raise MeshError("its suffix must be .obj, .ply, .glb or .gltf")
+    if kind in GLTF_SUFFIXES:
+        return GltfDocument(read_gltf_bytes(path), path.parent)
+    raise MeshError("its suffix must be .obj, .ply, .glb, .gltf or .vrm")
 
 
 def read_positions(path: Path) -> F64:
@@ -71,6 +72,16 @@ def read_positions(path: Path) -> F64:
     if kind == ".ply" and path.is_file():
         return PlyDocument(_read_bytes(path), positions_only=True).vertices
     return read_document(path).vertices
+
+
+def read_gltf_bytes(path: Path) -> bytes:
+    """The bytes of a glTF, GLB or VRM file; MeshError for a VRM that is no GLB."""
+    data = _read_bytes(path)
+    if path.suffix.lower() == ".vrm" and data[:4] != b"glTF":
+        raise MeshError(
+            "it is no VRM file, or an encrypted one: export it again from the program that made it"
+        )
+    return data
 
 
 def _read_bytes(path: Path) -> bytes:

@@ -1,4 +1,4 @@
-"""Reads and writes mesh files: OBJ, PLY, glTF and GLB.
+"""Reads and writes mesh files: OBJ, PLY, glTF, GLB and VRM.
 
 A file is read as a whole; computations use its clean mesh (`guise.analogy.cleaning`).  It is written as it was read,
 with new positions and, if it has normals, new normals: order, quads, groups, texture coordinates, materials, colours
@@ -8,7 +8,7 @@ and comments stay.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -27,8 +27,10 @@ from guise.analogy.formats.documents import (
 )
 from guise.analogy.formats.gltf import GltfDocument
 from guise.analogy.formats.gltf_build import build_glb
-from guise.analogy.formats.gltf_rig import animation_frames, build_rig_glb
+from guise.analogy.formats.gltf_rig import Avatar, animation_frames, build_rig_glb
+from guise.analogy.formats.humanoid import bones_of
 from guise.analogy.formats.polygons import Polygons
+from guise.analogy.formats.vrm import VrmMeta, Weights
 from guise.analogy.mesh import Mesh, MeshError, printable_excerpt
 from guise.analogy.normals import StoredNormals, any_coordinate
 from guise.common.arrays import F64, Int
@@ -135,7 +137,7 @@ class MeshFile:
 
 
 def read_mesh(path: Path) -> MeshFile:
-    """The mesh of an OBJ, PLY, glTF or GLB file.
+    """The mesh of an OBJ, PLY, glTF, GLB or VRM file.
 
     Raises
     ------
@@ -153,15 +155,17 @@ class Rig:
     Parameters
     ----------
     file : of the neutral mesh, N clean vertices.   names : k.   shapes : (k, N, 3), absolute positions.
+    expressions : of a VRM, by name: weights of shapes.
     """
 
     file: MeshFile
     names: tuple[str, ...]
     shapes: F64
+    expressions: Mapping[str, Weights]
 
 
 def read_rig(path: Path) -> Rig:
-    """The morph targets of a glTF or GLB file.
+    """The morph targets of a glTF, GLB or VRM file.
 
     Raises
     ------
@@ -169,29 +173,58 @@ def read_rig(path: Path) -> Rig:
         When the file cannot be used, or has no morph targets.
     """
     found = read_mesh(path)
-    shapes = found.document.displacements if isinstance(found.document, GltfDocument) else {}
+    document, kept = found.document, found.cleaned.kept
+    shapes = document.displacements if isinstance(document, GltfDocument) else {}
     if not shapes:
-        raise MeshError(f"cannot use {path}: it has no morph targets: give a GLB or glTF file that has some")
-    kept = found.cleaned.kept
-    return Rig(found, tuple(shapes), np.stack([found.mesh.vertices + way[kept] for way in shapes.values()]))
+        raise MeshError(
+            f"cannot use {path}: it has no morph targets: give a GLB, glTF or VRM file that has some"
+        )
+    moved = np.stack([found.mesh.vertices + way[kept] for way in shapes.values()])
+    return Rig(
+        found, tuple(shapes), moved, document.expressions if isinstance(document, GltfDocument) else {}
+    )
+
+
+def vrm_version(file: MeshFile) -> int | None:
+    """0 or 1 for a file that is a VRM."""
+    held = file.document.vrm if isinstance(file.document, GltfDocument) else None
+    return None if held is None else held.version
+
+
+def has_skeleton(file: MeshFile) -> bool:
+    """Whether a file has the bones that VRM asks for; MeshError when some are missing."""
+    held = file.document
+    return isinstance(held, GltfDocument) and bool(_with_file_name(file.path, bones_of, held.container))
 
 
 def write_rig(
-    path: Path, target: MeshFile, names: Sequence[str], shapes: Sequence[F64] | F64, scale: float = 1.0
+    path: Path,
+    target: MeshFile,
+    names: Sequence[str],
+    shapes: Sequence[F64] | F64,
+    scale: float = 1.0,
+    *,
+    expressions: Mapping[str, Weights] | None = None,
+    authors: Sequence[str] = (),
 ) -> None:
-    """Write a target of any format as GLB, with a morph target for each of its k named shapes (N, 3).
+    """Write a target of any format as GLB or VRM, with a morph target for each of its k named shapes (N, 3).
 
-    Normals and materials are kept; earlier morph targets of the target are dropped.
+    Normals and materials are kept.  Earlier morph targets are dropped, but for a VRM with `expressions`, whose version
+    and own expressions stay; another file is made VRM 1.0 where the suffix asks for it.
 
-    scale : metres per unit of the target.
+    scale : metres per unit of the target.   expressions : of the rig, for a VRM.   authors : of a new VRM.
 
     Raises
     ------
     MeshError
-        When the suffix is not .glb, or names and shapes do not fit together or are not finite.
+        When the suffix is another, names and shapes do not fit together or are not finite, or bones are missing.
     """
-    if path.suffix.lower() != ".glb":
-        raise MeshError(f"cannot write {path}: the suffix of a rig must be .glb")
+    if path.suffix.lower() not in (".glb", ".vrm"):
+        raise MeshError(f"cannot write {path}: the suffix of a rig must be .glb or .vrm")
+    avatar = None
+    if expressions is not None:
+        is_new = path.suffix.lower() == ".vrm" and vrm_version(target) is None
+        avatar = Avatar(expressions, VrmMeta(target.path.stem, tuple(authors)) if is_new else None)
     rest = target.mesh.vertices
     if len(names) != len(shapes) or any(shape.shape != rest.shape for shape in shapes):
         got = (len(shapes), *shapes[0].shape) if len(shapes) else (0,)
@@ -206,7 +239,7 @@ def write_rig(
         moving |= any_coordinate(np.abs(shape - rest) > MIN_MOTION_SIZES * size)
     moves = moving[target.cleaned.ids[origin]]
     own = document is target.document  # what was made of another format is wound right already
-    build = partial(build_rig_glb, inside_out=own and target.cleaned.turned)
+    build = partial(build_rig_glb, inside_out=own and target.cleaned.turned, avatar=avatar)
     placed = (
         (name, target.to_file_vertices(shape)[origin]) for name, shape in zip(names, shapes, strict=True)
     )
@@ -219,7 +252,7 @@ def write_rig(
 def read_frames(path: Path, neutral: MeshFile, rate: float | None = None) -> Iterator[tuple[str, F64]]:
     """Names and vertices (N, 3) of the frames of a sequence, one read at a time.
 
-    path : a folder of OBJ or PLY files, in natural order; or a glTF or GLB file with animated morph targets.
+    path : a folder of OBJ or PLY files, in natural order; or a glTF, GLB or VRM file with animated morph targets.
     neutral : with the vertices of all frames, N of them clean.
     rate : frames per second of an animation; None for its keys.
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from guise.analogy.formats.gltf_container import GltfContainer, Json
 from guise.analogy.formats.polygons import Polygons
+from guise.analogy.formats.vrm import read_vrm
 from guise.analogy.mesh import MeshError, printable_excerpt
 from guise.analogy.normals import finite_or_zero, unit_vectors
 from guise.common.arrays import F64, Bool, Int
@@ -95,6 +96,7 @@ class GltfDocument:
     Attributes
     ----------
     vertices : (n, 3) in the scene.   polygons : its triangles.   container, parts : its contents.
+    vrm : the avatar that it is, if it is one.
 
     Raises
     ------
@@ -106,6 +108,7 @@ class GltfDocument:
         self._data = data
         with damage_as_mesh_error():
             self.container = GltfContainer.read(data, folder)
+            self.vrm = read_vrm(self.container.json)
             self.parts = scene_parts(self.container)
             self.vertices = self._gather_attribute("POSITION", 3)
             for part in self.parts:
@@ -182,6 +185,16 @@ class GltfDocument:
         if bad is not None:
             raise MeshError(f"its morph target {printable_excerpt(bad)} is not finite (NaN or infinite)")
         return found
+
+    @property
+    def expressions(self) -> dict[str, dict[str, float]]:
+        """Those of an avatar by name: weights of morph targets by name."""
+        names = {part.node: target_names(self.container, part) for part in self.parts}
+        given = {} if self.vrm is None else self.vrm.expressions
+        return {
+            name: {names[bind.node][bind.index]: bind.weight for bind in binds if bind.node in names}
+            for name, binds in given.items()
+        }
 
     @property
     def repeated_names(self) -> list[str]:

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from guise.analogy.formats.gltf import GltfDocument, GltfPart, damage_as_mesh_error, scene_parts, scene_roots
+from guise.analogy.formats.gltf import (
+    GltfDocument,
+    GltfPart,
+    damage_as_mesh_error,
+    scene_parts,
+    scene_roots,
+    target_names,
+)
 from guise.analogy.formats.gltf_container import GL_ELEMENT_ARRAY_BUFFER, GltfContainer, Json, read_uri
+from guise.analogy.formats.humanoid import add_standing_bones, bones_of
+from guise.analogy.formats.vrm import VrmMeta, Weights, add_vrm, clear_expressions, write_expressions
 from guise.analogy.mesh import MeshError
 from guise.analogy.normals import StoredNormals, any_coordinate, polygon_vertex_normals
 from guise.common.arrays import F32, F64, Bool
@@ -26,6 +35,17 @@ class SparseSettings:
 SPARSE = SparseSettings()
 
 
+@dataclass(frozen=True)
+class Avatar:
+    """What a VRM is given besides its morph targets.
+
+    expressions : of the head that they come from.   meta : where the document is no VRM yet, and becomes one.
+    """
+
+    expressions: Mapping[str, Weights]
+    meta: VrmMeta | None = None
+
+
 def build_rig_glb(
     document: GltfDocument,
     normals: StoredNormals | None,
@@ -35,6 +55,7 @@ def build_rig_glb(
     scale: float = 1.0,
     *,
     inside_out: bool = False,
+    avatar: Avatar | None = None,
 ) -> bytes:
     """A GLB of a document with new morph targets in place of its own.
 
@@ -42,10 +63,14 @@ def build_rig_glb(
     moving : (n,) whether any shape moves a vertex; meshes that do not move get no targets.
     folder : of the textures that the document names; they are embedded.   scale : of the whole scene.
     inside_out : whether the document is, so that its faces are wound the other way.
+    avatar : for a VRM: it keeps its morph targets but those of the same names, and gets expressions.
     """
     with damage_as_mesh_error():
         made = document.container.copy()
-        _drop_targets(made)
+        keeps = avatar is not None and document.vrm is not None
+        _drop_animations(made)
+        if not keeps:
+            _drop_targets(made)
         pairs = zip(document.parts, scene_parts(made), strict=True)
         parts = [
             (part, own, _extent(document, part))
@@ -53,23 +78,47 @@ def build_rig_glb(
             if _moves(part, document.parts, moving)
         ]
         side = _turn(made, document) if inside_out else 1.0
+        listed = {own.mesh: target_names(made, own) for _, own, _ in parts}
         names: list[str] = []
         for name, vertices in shapes:
             names.append(name)
+            for own_names in listed.values():
+                own_names += [] if name in own_names else [name]
             turned = None if normals is None else normals.updated(vertices)
             for part, own, extent in parts:
                 target = _target(made, document, part, extent, vertices, turned, side)
+                at = listed[own.mesh].index(name)
                 for primitive in own.primitives:
-                    primitive.setdefault("targets", []).append(target)
-        for part, _, _ in parts:
-            mesh = made.json["meshes"][part.mesh]
-            extras = mesh.get("extras")
-            mesh["extras"] = {**(extras if isinstance(extras, dict) else {}), "targetNames": names}
-            mesh["weights"] = [0.0] * len(names)
+                    primitive.setdefault("targets", [])[at : at + 1] = [target]
+        for mesh, own_names in listed.items():
+            _name_targets(made.json, mesh, own_names)
         _embed_textures(made, folder)
         if scale != 1:
             _scale_scene(made, scale)
+        if avatar is not None and avatar.meta is not None:
+            low, high = (scale * end for end in (document.vertices.min(0), document.vertices.max(0)))
+            bones = bones_of(made) or add_standing_bones(made, scene_roots(made), low, high)
+            add_vrm(made, avatar.meta, bones)
+        if avatar is not None and (keeps or avatar.meta is not None):
+            write_expressions(made, names, avatar.expressions)
         return made.to_glb()
+
+
+def _name_targets(held: Json, number: int, names: list[str]) -> None:
+    """Name the morph targets of a mesh, in its primitives too where they are named, and let new ones start at 0."""
+    mesh = held["meshes"][number]
+    for place in (mesh, *mesh["primitives"]):
+        extras = place.get("extras") if isinstance(place.get("extras"), dict) else {}
+        if place is mesh or "targetNames" in extras:
+            place["extras"] = {**extras, "targetNames": names}
+    mesh["weights"] = _extended(mesh.get("weights", []), len(names))
+    for node in held["nodes"]:
+        if node.get("mesh") == number and "weights" in node:
+            node["weights"] = _extended(node["weights"], len(names))
+
+
+def _extended(weights: list[float], count: int) -> list[float]:
+    return [*weights, *[0.0] * (count - len(weights))]
 
 
 def _turn(made: GltfContainer, document: GltfDocument) -> float:
@@ -131,7 +180,8 @@ def _target(
 
 
 def _drop_targets(made: GltfContainer) -> None:
-    """Remove morph targets, their names and weights, and their animations."""
+    """Remove morph targets, their names and weights, and what expressions say of them."""
+    clear_expressions(made.json)
     for mesh in made.json["meshes"]:
         mesh.pop("weights", None)
         for primitive in mesh["primitives"]:
@@ -141,6 +191,10 @@ def _drop_targets(made: GltfContainer) -> None:
                 held["extras"].pop("targetNames", None)
     for node in made.json["nodes"]:
         node.pop("weights", None)
+
+
+def _drop_animations(made: GltfContainer) -> None:
+    """Remove the animations of morph targets."""
     animations = made.json.pop("animations", [])
     for animation in animations:
         animation["channels"] = [c for c in animation["channels"] if c["target"]["path"] != "weights"]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from guise.app.meshes.context import RunContext
     from guise.app.meshes.reports import MeshReport
 
-mesh = typer.Typer(help="Transfer expressions between 3-D heads (.obj, .ply, .gltf, .glb).")
+mesh = typer.Typer(help="Transfer expressions between 3-D heads (.obj, .ply, .gltf, .glb, .vrm).")
 mesh.callback(invoke_without_command=True)(help_without_command)
 
 
@@ -85,21 +85,33 @@ def transfer(
 def rig(
     *,
     source: Annotated[
-        Path, typer.Argument(metavar="SOURCE_RIG", help="A head with morph targets (.glb, .gltf).")
+        Path, typer.Argument(metavar="SOURCE_RIG", help="A head with morph targets (.glb, .gltf, .vrm).")
     ],
     target: Target,
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="RIG.glb", help="The target with those morph targets.")
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="RIG.glb|RIG.vrm",
+            help="The target with those morph targets; a .vrm also gets its expressions.",
+        ),
     ],
+    author: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Who made TARGET, for a .vrm made of another format; may be repeated."),
+    ] = None,
     unit: TargetUnit = None,
     options: Transferring,
     extra: Extras,
     console: Shown,
-) -> None:
+) -> None:  # fmt: skip
     """Transfer all morph targets of a head to another, with their names."""
     from guise.app.meshes.transferring import transfer_rig
 
-    _run(lambda context: transfer_rig(source, target, output, options, context, unit), console, extra)
+    _run(
+        lambda context: transfer_rig(source, target, output, options, context, unit, author or ()),
+        console,
+        extra,
+    )
 
 
 @mesh.command()

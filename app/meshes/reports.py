@@ -57,7 +57,7 @@ class TransferredExpression:
     """A transferred expression.
 
     input, output : files, or names of morph targets.   furthest : the largest displacement of a vertex.
-    error : None when nothing moves.   seconds : without reading and writing.
+    error : of the skin; None when it stays.   seconds : without reading and writing.
     """
 
     input: str
@@ -68,10 +68,12 @@ class TransferredExpression:
 
     def summary(self) -> str:
         """For people."""
-        if self.error is None:
+        if not self.furthest:
             return "nothing moves"
-        differ = f"motions differ from the source's by {self.error.median:.1%} (median)"
-        return f"largest motion {self.furthest:.3g}; {differ}"
+        moves = f"largest motion {self.furthest:.3g}"
+        if self.error is None:
+            return f"{moves}; the skin stays"
+        return f"{moves}; motions differ from the source's by {self.error.median:.1%} (median)"
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from guise.analogy.formats.files import MeshFile, write_rig
+from guise.analogy.formats.files import MeshFile, has_skeleton, vrm_version, write_rig
 from guise.analogy.mesh import Mesh
 from guise.app.media.pictures import save_picture
 from guise.app.meshes.context import RunContext
@@ -28,6 +28,7 @@ MIN_HEAD_METRES, MAX_HEAD_METRES = (
 MIN_MOTION_SIZES = 1e-6  # in sizes of the head, up to which motion is rounding error
 MAX_MOTION_RATIO = 1.5  # of the furthest vertex to the source's, scaled, above which a note says so
 SOLVED_AT_ONCE = 4  # expressions
+VRM = ".vrm"
 MAX_DRAWN_EXPRESSIONS = 6  # in a picture
 PICTURE_YAW_DEG = 25.0  # of pictures with several expressions
 READING, TRANSFERRING, WRITING, DRAWING = "reading", "carrying", "writing", "drawing"
@@ -81,25 +82,45 @@ def transfer_rig(
     options: TransferOptions,
     context: RunContext,
     unit: Unit | None = None,
+    authors: Sequence[str] = (),
 ) -> TransferReport:
-    """Transfer all morph targets of a rig, and write the target, whose lengths are in `unit`, with them as GLB.
+    """Transfer all morph targets of a rig, and write the target, whose lengths are in `unit`, with them as GLB or VRM.
+
+    authors : named in a VRM that is made of another format.
 
     Raises
     ------
     MeshError, FeaturePointsError, SolverError, OutputError
         Before anything is written.
     """
-    if output.suffix.lower() != ".glb":
-        raise OutputError(f"{output} must end in .glb, the format with morph targets")
+    if output.suffix.lower() not in (".glb", VRM):
+        raise OutputError(f"{output} must end in .glb or .vrm, formats with morph targets")
     require_outputs([output, context.picture, context.report], [source, target], force=context.force)
     with context.stage(READING):
         rig, head = context.read_rig(source), context.read(target)
+    if output.suffix.lower() == VRM:
+        _require_avatar(head, authors, context)
     pair = prepare_pair(rig.file, head, options, context)
     made, carried = transfer_all(pair, list(rig.shapes), [(name, name) for name in rig.names], context)
     with context.stage(WRITING):
-        write_rig(output, head, rig.names, made, metres_per_unit(head, unit, context))
+        scale = metres_per_unit(head, unit, context)
+        write_rig(output, head, rig.names, made, scale, expressions=rig.expressions, authors=authors)
     draw_report_picture(pair, list(rig.shapes), made, rig.names, context)
     return make_report(pair, options, output, "morph target", carried, context)
+
+
+def _require_avatar(head: MeshFile, authors: Sequence[str], context: RunContext) -> None:
+    """Raise when a head cannot become a VRM; notes on what becomes of it."""
+    version = vrm_version(head)
+    if version is None and not any(name.strip() for name in authors):
+        raise OutputError(f"a VRM names its authors, and {head.path} is no VRM yet: give --author NAME")
+    if version is None and not has_skeleton(head):
+        context.say(
+            f"{head.path} has no skeleton, and VRM asks for one: it gets 15 bones of a standing person, of which the "
+            "head turns it"
+        )
+    if version == 0:
+        context.say(f"{head.path} is VRM 0.x, and stays so: everything else in it is kept")
 
 
 def metres_per_unit(head: MeshFile, unit: Unit | None, context: RunContext) -> float:

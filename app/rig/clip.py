@@ -14,9 +14,9 @@ from guise.app.media import MediaInput, open_input
 from guise.app.media.time_range import TimeRange
 from guise.app.rig.curves import CurveRecorder
 from guise.app.rig.following import RigFollower, calibration_of
-from guise.app.rig.formats import format_of_rig, write_curves
+from guise.app.rig.formats import shows_head, write_curves
 from guise.app.rig.head import RigHead, open_head
-from guise.app.rig.options import RigClipOptions
+from guise.app.rig.options import RigClipOptions, RigOptions
 from guise.common.arrays import F32
 from guise.common.errors import GuiseError
 from guise.common.files import require_outputs
@@ -83,7 +83,7 @@ def rig_clip(
     if options.calibration is not None and options.calibrate is not None:
         raise GuiseError("give either --calibration or --calibrate")
     check_rig_output(output, [clip], options.head, force=options.force)
-    head = open_head(options.head, options.unit, progress, notes) if output.suffix.lower() == ".glb" else None
+    head = open_shown_head(output, options, progress, notes)
     with one_thread():
         if options.calibrate is not None:
             calibration: RigCalibration | None = calibration_of(
@@ -104,10 +104,19 @@ def rig_clip(
 
 def check_rig_output(output: Path, inputs: list[Path], head: Path | None, *, force: bool) -> None:
     """Raise GuiseError, before any work, if an output cannot be written."""
-    form = format_of_rig(output)
-    if head is not None and form != "glb":
-        raise GuiseError(f"--head is for a .glb, which shows it: leave it out for {output}")
+    if head is not None and not shows_head(output):
+        raise GuiseError(f"--head is for a .glb or .vrm, which shows it: leave it out for {output}")
     require_outputs([output], [*inputs, *([head] if head else [])], force=force)
+
+
+def open_shown_head(output: Path, options: RigOptions, progress: Progress, say: Say) -> RigHead | None:
+    """The head that an output shows, if it shows one."""
+    if not shows_head(output):
+        return None
+    head = open_head(options.head, options.unit, progress, say)
+    if output.suffix.lower() == ".vrm" and head.vrm is None:
+        raise GuiseError(f"{output} needs an avatar that is a VRM: give it with --head, or write a .glb")
+    return head
 
 
 def write_rig_file(

@@ -1,4 +1,4 @@
-"""Files of coefficients: CSV as the app Live Link Face writes it, JSON lines, and animated GLB.
+"""Files of coefficients: CSV as the app Live Link Face writes it, JSON lines, and animated GLB or VRM.
 
 The CSV has the columns of a recording of that app in its order, names with a capital letter, and a time code of 60
 frames a second.  Its turns count half a turn as 1, with the signs of an unmirrored face, as Unreal Engine's ARKit
@@ -36,13 +36,18 @@ COLUMNS = ["Timecode", "BlendshapeCount", *(name[0].upper() + name[1:] for name 
 
 
 def format_of_rig(path: Path) -> str:
-    """ "csv", "jsonl" or "glb", by the suffix; raises OutputError."""
+    """ "csv", "jsonl", "glb" or "vrm", by the suffix; raises OutputError."""
     form = path.suffix.lower().removeprefix(".")
     if form not in WRITERS:
         raise OutputError(
-            f"{path} must end in .csv (Live Link Face), .jsonl (JSON lines) or .glb (animated head)"
+            f"{path} must end in .csv (Live Link Face), .jsonl (JSON lines), .glb or .vrm (animated head)"
         )
     return form
+
+
+def shows_head(path: Path) -> bool:
+    """Whether a file shows a head, by its suffix; raises OutputError for an unknown one."""
+    return WRITERS[format_of_rig(path)] is _write_glb
 
 
 def write_curves(path: Path, curves: RigCurves, head: RigHead | None) -> None:
@@ -103,4 +108,5 @@ WRITERS: dict[str, Callable[[Path, RigCurves, RigHead | None], None]] = {
     "csv": _write_csv,
     "jsonl": _write_jsonl,
     "glb": _write_glb,
+    "vrm": _write_glb,
 }

@@ -1,7 +1,8 @@
-"""A head that coefficients drive: a GLB whose morph targets have ARKit's names, maybe with nodes for head and eyes.
+"""A head that coefficients drive: a GLB or VRM with ARKit's shapes, maybe with nodes for head and eyes.
 
-Names are matched whatever their case, and with `_L` or `_R` for the side.  Rotations are about the nodes, on top of
-their rest, in the axes of the scene, whose head looks along z.
+Morph targets have ARKit's names, whatever their case, and with `_L` or `_R` for the side; or the expressions of a VRM
+have, and tell the morph targets and their weights.  Rotations are about the nodes, on top of their rest, in the axes of
+the scene, whose head looks along z, or backwards in VRM 0.x.
 """
 
 from __future__ import annotations
@@ -14,9 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from guise.aam.rig.names import INDEX
-from guise.analogy.formats.gltf import scene_parts, target_names
+from guise.aam.rig.names import ARKIT_NAMES, coefficient_of
+from guise.analogy.formats.documents import GLTF_SUFFIXES, read_gltf_bytes
+from guise.analogy.formats.gltf import damage_as_mesh_error, scene_parts, target_names
 from guise.analogy.formats.gltf_container import GltfContainer
+from guise.analogy.formats.vrm import Vrm, read_vrm
 from guise.analogy.mesh import MeshError
 from guise.app.meshes.animated_glb import append_floats
 from guise.app.meshes.context import RunContext
@@ -29,9 +32,6 @@ from guise.common.progress import Progress, Say, mute, silent
 from guise.common.samples import samples_folder
 
 SHIPPED = "heads/arkit.glb"  # of the samples
-_PLACES = {
-    re.sub("(left|right)$", lambda side: f"_{side[0][0]}", name.lower()): k for name, k in INDEX.items()
-}
 _BONES = {
     "head": r"(.*[_:.])?head",
     "leftEye": r"(.*[_:.])?(left_?eye|eye_?l(eft)?|l_?eye|l_faceeye|eye\.l)",
@@ -46,19 +46,23 @@ class RigHead:
     Parameters
     ----------
     path : that the user gave.   data : bytes of its GLB.
-    places : by node with a mesh, the coefficient of each of its morph targets, -1 for others.
+    weights : by node with a mesh, (52, k) of each of its morph targets where a coefficient is 1.
     nodes : of "head", "leftEye" and "rightEye", those that there are.
+    vrm : its version, 0 or 1, if it is a VRM.
     """
 
     path: Path
     data: bytes
-    places: dict[int, list[int]]
+    weights: dict[int, F64]
     nodes: dict[str, int]
+    vrm: int | None = None
 
     @property
     def shapes(self) -> int:
         """How many of the 52 it has."""
-        return len({place for places in self.places.values() for place in places} - {-1})
+        return (
+            int(np.any([weights.any(1) for weights in self.weights.values()], 0).sum()) if self.weights else 0
+        )
 
     def animated(self, curves: RigCurves) -> bytes:
         """The GLB with an animation of its morph targets and nodes, in place of those it had."""
@@ -73,9 +77,9 @@ class RigHead:
         return held.to_glb()
 
     def _driven(self, held: GltfContainer, curves: RigCurves) -> Iterator[tuple[int, str, F64]]:
-        padded = np.column_stack([curves.weights, np.zeros(len(curves.weights))])
-        for node, places in self.places.items():
-            yield node, "weights", padded[:, places].ravel()
+        for node, weights in self.weights.items():
+            yield node, "weights", (curves.weights @ weights).ravel()
+        backwards = (-1, 1, -1, 1) if self.vrm == 0 else (1, 1, 1, 1)
         above = _rotations_above(held)
         turns = {"head": curves.head, "leftEye": curves.eyes[:, 0], "rightEye": curves.eyes[:, 1]}
         for part, node in self.nodes.items():
@@ -83,7 +87,9 @@ class RigHead:
             yield (
                 node,
                 "rotation",
-                rotated(own, rotated(parent, rotated(gltf_rotation(turns[part]), inverse(parent)))),
+                rotated(
+                    own, rotated(parent, rotated(gltf_rotation(turns[part]) * backwards, inverse(parent)))
+                ),
             )
 
 
@@ -102,8 +108,8 @@ def open_head(
     if path is None:
         return _read(shipped_head(), shipped_head())
     if not path.is_file():
-        raise MeshError(f"{path} does not exist: give a head (.glb, .gltf, .obj, .ply)")
-    if path.suffix.lower() in (".glb", ".gltf"):
+        raise MeshError(f"{path} does not exist: give a head (.glb, .gltf, .vrm, .obj, .ply)")
+    if path.suffix.lower() in GLTF_SUFFIXES:
         found = _read(path, path)
         if found.shapes:
             return found
@@ -137,35 +143,45 @@ def shipped_head() -> Path:
 
 def _read(file: Path, path: Path) -> RigHead:
     try:
-        held = GltfContainer.read(file.read_bytes(), file.parent)
-        places = {
-            part.node: [_place(name) for name in target_names(held, part)]
-            for part in scene_parts(held)
-            if part.targets()
-        }
-        nodes = held.json.get("nodes", [])  # those with a matrix can't be animated
-        names = ["" if "matrix" in node else str(node.get("name", "")).lower() for node in nodes]
+        with damage_as_mesh_error():
+            held = GltfContainer.read(read_gltf_bytes(file), file.parent)
+            vrm = read_vrm(held.json)
+            weights = {
+                part.node: _weights(target_names(held, part), part.node, vrm)
+                for part in scene_parts(held)
+                if part.targets()
+            }
     except MeshError as error:
         raise MeshError(f"cannot use {path}: {error}") from error
-    bones = {
-        part: next(k for k, name in enumerate(names) if re.fullmatch(pattern, name))
+    driven = {node: own for node, own in weights.items() if own.any()}
+    return RigHead(path, held.to_glb(), driven, _bones(held, vrm), None if vrm is None else vrm.version)
+
+
+def _weights(names: list[str], node: int, vrm: Vrm | None) -> F64:
+    """(52, k) of the morph targets of a node: by expressions, and for other coefficients by names."""
+    found = np.zeros((len(ARKIT_NAMES), len(names)))
+    told = [(coefficient_of(name), binds) for name, binds in ({} if vrm is None else vrm.expressions).items()]
+    for place, binds in told:
+        for bind in binds:
+            if place >= 0 and bind.node == node:
+                found[place, bind.index] += bind.weight
+    by_expression = {place for place, binds in told if binds}
+    for index, name in enumerate(names):
+        if (place := coefficient_of(name)) >= 0 and place not in by_expression:
+            found[place, index] = 1.0
+    return found
+
+
+def _bones(held: GltfContainer, vrm: Vrm | None) -> dict[str, int]:
+    """The nodes of head and eyes that can be turned: those with a matrix can't be animated."""
+    nodes = held.json.get("nodes", [])
+    names = ["" if "matrix" in node else str(node.get("name", "")).lower() for node in nodes]
+    told = {} if vrm is None else {part: k for part, k in vrm.bones.items() if part in _BONES and names[k]}
+    found = {
+        part: next((k for k, name in enumerate(names) if re.fullmatch(pattern, name)), None)
         for part, pattern in _BONES.items()
-        if any(re.fullmatch(pattern, name) for name in names)
     }
-    return RigHead(path, held.to_glb(), {k: row for k, row in places.items() if max(row) >= 0}, bones)
-
-
-def _place(name: str) -> int:
-    """The coefficient of a morph target's name, -1 for none.
-
-    >>> _place("EyeBlink_L") == INDEX["eyeBlinkLeft"], _place("face.mouthPucker") == INDEX["mouthPucker"]
-    (True, True)
-    >>> _place("Smile")
-    -1
-    """
-    bare = name.rpartition(".")[2].lower()
-    plain = re.sub("_?(left|right|l|r)$", lambda side: f"_{side[1][0]}", bare)
-    return _PLACES.get(plain, _PLACES.get(bare, -1))
+    return {part: k for part, k in {**found, **told}.items() if k is not None}
 
 
 def _rotations_above(held: GltfContainer) -> dict[int, tuple[F64, F64]]:

@@ -24,10 +24,9 @@ from guise.app.live.stats import PipelineStats
 from guise.app.live.streams import StreamCapture
 from guise.app.media import Frame
 from guise.app.rig.asking import AskedCalibration
-from guise.app.rig.clip import RigReport, check_rig_output, write_rig_file
+from guise.app.rig.clip import RigReport, check_rig_output, open_shown_head, write_rig_file
 from guise.app.rig.curves import CurveRecorder
 from guise.app.rig.following import RigFollower
-from guise.app.rig.head import open_head
 from guise.app.rig.options import RigLiveOptions
 from guise.app.rig.preview import RigWindow
 from guise.app.rig.shown import RigFrame
@@ -186,20 +185,21 @@ def run_rig_live(
         raise OutputError(
             "nothing would be shown or sent: give --vmc HOST:PORT or --output FILE, or leave out --no-window"
         )
-    is_glb = options.output is not None and options.output.suffix.lower() == ".glb"
     if options.output is not None:
         check_rig_output(
             options.output, [Path(options.input)] if options.input else [], options.head, force=options.force
         )
     elif options.head is not None:
-        raise OutputError("--head is for --output OUT.glb, which shows it: give that, or leave it out")
+        raise OutputError(
+            "--head is for --output OUT.glb or .vrm, which shows it: give that, or leave it out"
+        )
     calibration = _known(options)
-    head = open_head(options.head, options.unit, progress, say) if is_glb else None
+    head = None if options.output is None else open_shown_head(options.output, options, progress, say)
     controls, stopped = RigControls(mirror=options.mirror), stopped or threading.Event()
     recorder = CurveRecorder() if options.output is not None else None
     with contextlib.ExitStack() as stack, one_thread():
         own: list[Output] = [*outputs]
-        sender = VmcSender(options.vmc) if options.vmc else None
+        sender = VmcSender(options.vmc, presets=options.presets) if options.vmc else None
         if sender is not None:
             stack.callback(sender.close)
             own.insert(0, sender)

@@ -8,7 +8,7 @@ from pathlib import Path
 from guise.app.meshes.options import Unit
 from guise.common.option import option
 
-RIG_SUFFIXES = "X.csv|X.jsonl|X.glb"
+RIG_SUFFIXES = "X.csv|X.jsonl|X.glb|X.vrm"
 
 
 @dataclass(frozen=True)
@@ -20,8 +20,8 @@ class RigOptions:
 
     head: Path | None = option(
         None,
-        "The head in a .glb: a GLB with ARKit's shapes, or any head, which gets them; default: the one that ships.",
-        metavar="RIG.glb|HEAD.obj",
+        "The head in a .glb or .vrm: one with ARKit's shapes, or any, which gets them; default: the one that ships.",
+        metavar="RIG.glb|AVATAR.vrm|HEAD.obj",
     )
     unit: Unit | None = option(
         None, "Unit of that head's lengths, where it is given shapes; default: as they are."
@@ -60,6 +60,9 @@ class RigLiveOptions(RigOptions):
         None,
         "Send by the VMC protocol to this address; the port is 39539 if left out.",
         metavar="HOST[:PORT]",
+    )
+    presets: bool = option(
+        False, "Also send VRM's own expressions, such as A and Joy, for an avatar with only these."
     )
     output: Path | None = option(
         None, "Also write the curves when it ends.", name="--output -o", metavar=RIG_SUFFIXES

@@ -1,6 +1,7 @@
 """Sends coefficients by the Virtual Motion Capture protocol, OSC 1.0 over UDP (protocol.vmc.info).
 
-Blend shapes have the names of Perfect Sync, ARKit's with a capital letter.  Head, LeftEye and RightEye turn, in Unity's
+Blend shapes have the names of Perfect Sync, ARKit's with a capital letter; presets have those of VRM 0.x and of 1.0,
+as a receiver takes no notice of names that its avatar lacks.  Head, LeftEye and RightEye turn, in Unity's
 axes; their positions are sent as 0.  A frame is a few bundles, each small enough for one packet, and the last one holds
 `Apply`.  Messages are packed here: 0.2 ms a frame, where python-osc takes 2.7.
 """
@@ -13,7 +14,9 @@ import time
 from collections.abc import Iterator
 
 from guise.aam.rig.coefficients import Coefficients
-from guise.aam.rig.names import ARKIT_NAMES
+from guise.aam.rig.names import ARKIT_NAMES, perfect_sync_name
+from guise.aam.rig.presets import preset_values
+from guise.analogy.formats.vrm import LEGACY_NAMES
 from guise.app.live.output import Output, OutputFrame
 from guise.app.rig.shown import RigFrame
 from guise.app.rig.turns import vmc_rotation
@@ -23,19 +26,20 @@ from guise.common.tuned import derived
 PORT = derived(39539, "port", "where a marionette listens, by the protocol")
 PACKET_BYTES = derived(1400, "bytes", "what an Ethernet frame of 1,500 takes")
 BONES = ("Head", "LeftEye", "RightEye")
-NAMES = tuple(name[0].upper() + name[1:] for name in ARKIT_NAMES)
+NAMES = tuple(map(perfect_sync_name, ARKIT_NAMES))
 CALIBRATED, UNCALIBRATED = 3, 0  # of /VMC/Ext/OK
 
 
 class VmcSender(Output):
     """Sends every frame to a receiver.
 
-    address : "HOST[:PORT]".   sent : frames so far.
+    address : "HOST[:PORT]".   presets : also send VRM's presets.   sent : frames so far.
 
     Raises OutputError when there is no such address.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, *, presets: bool = False) -> None:
+        self._presets = presets
         family, self._to = vmc_address(address)
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
@@ -51,7 +55,7 @@ class VmcSender(Output):
         """Send coefficients, or that no face is seen."""
         seconds = time.perf_counter() - self._start
         try:
-            for packet in packets(messages(found, seconds, calibrated=calibrated)):
+            for packet in packets(messages(found, seconds, calibrated=calibrated, presets=self._presets)):
                 self._socket.sendto(packet, self._to)
         except OSError:  # nobody listens yet
             return
@@ -62,7 +66,9 @@ class VmcSender(Output):
         self._socket.close()
 
 
-def messages(found: Coefficients | None, seconds: float, *, calibrated: bool) -> Iterator[bytes]:
+def messages(
+    found: Coefficients | None, seconds: float, *, calibrated: bool, presets: bool = False
+) -> Iterator[bytes]:
     """The messages of a frame."""
     state = CALIBRATED if calibrated else UNCALIBRATED
     yield _text("/VMC/Ext/OK") + _text(",iiii") + struct.pack(">4i", 1, state, 0, found is not None)
@@ -74,6 +80,9 @@ def messages(found: Coefficients | None, seconds: float, *, calibrated: bool) ->
         yield _text("/VMC/Ext/Bone/Pos") + _text(",sfffffff") + _text(bone) + place
     for begin, value in zip(_BLENDS, found.weights.tolist(), strict=True):
         yield begin + struct.pack(">f", value)
+    for name, value in preset_values(found.weights).items() if presets else ():
+        for called in (name, LEGACY_NAMES[name]):
+            yield _BLEND + _text(called) + struct.pack(">f", value)
     yield _text("/VMC/Ext/Blend/Apply") + _text(",")
 
 
@@ -94,7 +103,8 @@ def _text(text: str) -> bytes:
     return text.encode() + bytes(4 - len(text) % 4)
 
 
-_BLENDS = [_text("/VMC/Ext/Blend/Val") + _text(",sf") + _text(name) for name in NAMES]
+_BLEND = _text("/VMC/Ext/Blend/Val") + _text(",sf")
+_BLENDS = [_BLEND + _text(name) for name in NAMES]
 
 
 def vmc_address(text: str) -> tuple[socket.AddressFamily, tuple[str, int]]:

@@ -109,7 +109,7 @@ class _RigPage(CameraPage[RigRun]):
         ui.label(PRIVACY)
         with ui.card().classes("w-full"):
             self._head = FilePicker(
-                self.studio, "Head", "Your own head: a GLB with ARKit's shapes", (RIG,), changed=self._show_head
+                self.studio, "Head", "Your own head: a GLB or VRM with ARKit's shapes", (RIG,), changed=self._show_head
             )  # fmt: skip
             self._shapes = ui.label().classes("opacity-70").props("role=status")
             self._clip = FilePicker(

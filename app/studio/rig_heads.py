@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from guise.analogy.formats.gltf import scene_parts
+from guise.analogy.formats.gltf import scene_parts, scene_roots
 from guise.analogy.formats.gltf_container import GltfContainer, Json
 from guise.app.rig.head import RigHead, read_rig_head, shipped_head
 from guise.app.studio.head_points import Standing
@@ -18,6 +18,7 @@ from guise.common.arrays import F64
 from guise.common.files import write_whole
 
 NODES = ("head", "leftEye", "rightEye")  # in the order of a message's rotations
+BACKWARDS = [0.0, 1.0, 0.0, 0.0]  # half a turn about the height, x y z w
 MOVED_SHARE = 0.05  # of the farthest way of a vertex, from which on it belongs to the face
 HEAD_FACES, RISE = (
     1.6,
@@ -31,7 +32,12 @@ def _check_rig(path: Path, preview: Path) -> None:
 
 
 RIG = replace(
-    MESH, name="rig", noun="a rig", suffixes=frozenset({".glb"}), advice="use a .glb.", check=_check_rig
+    MESH,
+    name="rig",
+    noun="a rig",
+    suffixes=frozenset({".glb", ".vrm"}),
+    advice="use a .glb or .vrm.",
+    check=_check_rig,
 )
 
 
@@ -50,11 +56,14 @@ class DrawnRig:
         head = read_rig_head(path or shipped_head())
         held = GltfContainer.read(head.data, file.parent)
         nodes, meshes = held.json["nodes"], held.json["meshes"]
-        for node, places in head.places.items():
-            shapes = [[[place, 1]] if place >= 0 else [] for place in places]
+        for node, weights in head.weights.items():
+            shapes = [[[int(k), float(one[k])] for k in np.flatnonzero(one)] for one in weights.T]
             _add_extra(meshes[nodes[node]["mesh"]], "guiseShapes", shapes)
         for part, node in head.nodes.items():
             _add_extra(nodes[node], "guiseNode", NODES.index(part))
+        if head.vrm == 0:  # which looks backwards
+            nodes.append({"rotation": BACKWARDS, "children": scene_roots(held)})
+            held.json |= {"scene": 0, "scenes": [{"nodes": [len(nodes) - 1]}]}
         write_whole(file, held.to_glb())
         low, high = _face(held, head)
         face = float(high[1] - low[1])
@@ -76,13 +85,13 @@ def _face(held: GltfContainer, head: RigHead) -> tuple[F64, F64]:
     """The corners (3,) of the box around what coefficients move."""
     vertices, ways = [], []
     for part in scene_parts(held):
-        if part.node in head.places:
+        if part.node in head.weights:
             here = held.read_accessor(part.primitives[0]["attributes"]["POSITION"]).astype(np.float64)
             vertices.append(part.to_scene(here, is_position=True))
             moves = [
                 part.read_displacement(held, target)
-                for target, place in zip(part.targets(), head.places[part.node], strict=True)
-                if place >= 0
+                for target, one in zip(part.targets(), head.weights[part.node].T, strict=True)
+                if one.any()
             ]
             ways.append(np.max([np.linalg.norm(way, axis=1) for way in moves], axis=0))
     far = np.concatenate(ways)

@@ -94,7 +94,12 @@ FACE_PHOTO = replace(PHOTO, name="face-photo")  # of a person whose face is show
 SWAP_PHOTO = replace(PHOTO, name="swap-photo")  # in which faces are swapped
 CONFIDENTIAL_PHOTO = replace(PHOTO, name="confidential-photo")
 MESH = UploadKind(
-    "mesh", "a mesh", "", frozenset({".obj", ".ply", ".glb"}), "use an .obj, .ply or .glb.", _check_mesh
+    "mesh",
+    "a mesh",
+    "",
+    frozenset({".obj", ".ply", ".glb", ".vrm"}),
+    "use an .obj, .ply, .glb or .vrm.",
+    _check_mesh,
 )
 
 

@@ -66,7 +66,7 @@ def transfer_mesh(
 
     Parameters
     ----------
-    neutral, expressions : mesh files (OBJ, PLY, glTF, GLB) of one head, at rest and with expressions: same vertices.
+    neutral, expressions : mesh files (OBJ, PLY, glTF, GLB, VRM) of one head, at rest and moved: same vertices.
     target : the mesh file of another head, at rest.
     output : folder for one file per expression, in the target's format; by default TARGET_expressions beside it.
     options : `TransferMeshOptions`.
@@ -89,16 +89,19 @@ def transfer_rig(
     output: AnyPath,
     *,
     unit: Literal["m", "dm", "cm", "mm", "in"] | None = None,
+    author: str | Sequence[str] = (),
     **options: Unpack[TransferMeshOptions],
 ) -> TransferReport:
-    """Carry all morph targets of a head (.glb, .gltf) over to another, with their names.
+    """Carry all morph targets of a head (.glb, .gltf, .vrm) over to another, with their names.
 
-    output : the target with them, a .glb.   unit : of the target's lengths, scaled to metres.
+    output : the target with them, a .glb or .vrm.   unit : of the target's lengths, scaled to metres.
+    author : who made the target, one or several, for a .vrm made of another format.
     """
     from guise.app.meshes.transferring import transfer_rig as transfer
 
     how, left = _transfer(options)
-    return _run(lambda work: transfer(Path(source), Path(target), Path(output), how, work, unit), left)
+    names = (author,) if isinstance(author, str) else author
+    return _run(lambda work: transfer(Path(source), Path(target), Path(output), how, work, unit, names), left)
 
 
 @call

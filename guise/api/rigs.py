@@ -20,7 +20,7 @@ Unit = Literal["m", "dm", "cm", "mm", "in"]
 class RigWriteOptions(WatchOptions, total=False):
     """What is written.
 
-    head : shown by a .glb: a GLB with ARKit's shapes, or any head, which is given them; by default the one that ships.
+    head : shown by a .glb or .vrm: one with ARKit's shapes, or any, which is given them; by default the one that ships.
     unit : of that head's lengths.   calibration : what `rig_live` has learned of the person, .npz.
     overwrite : replace an existing output.
     """
@@ -47,7 +47,7 @@ def rig_from_video(
 
     Parameters
     ----------
-    output : .csv as Live Link Face writes it, .jsonl, or .glb, an animated head.
+    output : .csv as Live Link Face writes it, .jsonl, or .glb or .vrm, an animated head.
     calibrate : a clip of the person, in five equal parts: at rest, brows up, smiling, mouth open, lips puckered.
     person : which one of a clip that shows several, a number of `find_people`.
     smooth : over the frames.   start, end : of the part, seconds, or times as "1:30".
@@ -69,6 +69,7 @@ def rig_live(
     input: AnyPath | None = None,
     *,
     vmc: str | None = None,
+    presets: bool = False,
     output: AnyPath | None = None,
     window: bool = True,
     mirror: bool | None = None,
@@ -83,7 +84,8 @@ def rig_live(
     Parameters
     ----------
     input : a file or a stream; by default the camera, of which size and fps are requested.
-    vmc : HOST or HOST:PORT of a receiver of the VMC protocol.   output : a file as for `rig_from_video`.
+    vmc : HOST or HOST:PORT of a receiver of the VMC protocol.   presets : also send VRM's own expressions.
+    output : a file as for `rig_from_video`.
     window : show the picture and the coefficients.   mirror : by default with a camera.
     """
     from guise.app.rig.live import run_rig_live
@@ -92,7 +94,7 @@ def rig_live(
     left: dict[str, Any] = {**options}
     progress, say = watch_of(left)
     how = RigLiveOptions(
-        **_written(left), input=None if input is None else str(input), camera=camera, fps=fps, vmc=vmc,
+        **_written(left), input=None if input is None else str(input), camera=camera, fps=fps, vmc=vmc, presets=presets,
         output=path_of(output), window=window, mirror=input is None if mirror is None else mirror, size=size,
     )  # fmt: skip
     return run_rig_live(how, progress=progress, say=say, stopped=stopped)
