@@ -151,7 +151,7 @@ def _rig(path: Path) -> None:
     plain = path.with_suffix(".ply")
     _mesh("ply")(plain)
     neutral = read_mesh(plain)
-    write_rig(path, neutral, ["smile"], neutral.mesh.vertices[None] * 1.1)
+    write_rig(path, neutral, ["smile"], neutral.mesh.vertices[None] * 1.1, expressions={}, authors=["nobody"])
 
 
 def _ball() -> Mesh:
@@ -234,6 +234,7 @@ READERS = {
     "PLY": Reader(".ply", _mesh("ply"), read_mesh),
     "GLB": Reader(".glb", _mesh("glb"), read_mesh),
     "rig": Reader(".glb", _rig, read_rig),
+    "VRM": Reader(".vrm", _rig, read_rig),
     "feature points": Reader(".json", _feature_points, lambda path: load_feature_points(path, _ball())),
     "tracks": Reader(".json", _tracks, lambda path: read_tracks(path, TRACKS, "f")),
     "report": Reader(".json", _report, read_report),

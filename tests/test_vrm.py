@@ -22,6 +22,7 @@ from guise.app.cli.main import main
 from guise.app.rig.curves import RigCurves
 from guise.app.rig.head import open_head
 from guise.app.rig.vmc import messages
+from guise.app.studio.rig_heads import DrawnRig
 from guise.common.arrays import F64
 
 ARTIST = ("Fcl_ALL_Joy", "Fcl_MTH_A")
@@ -377,6 +378,16 @@ def test_an_avatar_is_driven_by_its_expressions_with_their_weights(tmp_path: Pat
     wanted[INDEX["eyeBlinkLeft"]] = 0.5, 1.0
     assert_allclose(driven.weights[15], wanted)
     assert driven.shapes == 1
+
+
+def test_the_browser_sees_every_avatar_from_the_front_with_its_weights(tmp_path: Path) -> None:
+    drawn = []
+    for version in (0, 1):
+        looking(version, np.zeros(3), tmp_path)
+        drawn.append(DrawnRig.of(tmp_path / f"driven{version}.vrm", tmp_path / f"{version}.glb"))
+        extras = document(tmp_path / f"{version}.glb")["meshes"][0]["extras"]
+        assert extras["guiseShapes"] == [[], [], *([[k, 1.0]] for k in range(52))]
+    assert_allclose(drawn[0].centre, drawn[1].centre * (-1, 1, -1), atol=1e-6)
 
 
 def test_presets_of_a_face_are_those_that_made_it() -> None:

@@ -22,6 +22,7 @@ from guise.analogy.formats.files import read_rig
 from guise.analogy.formats.gltf import GltfDocument
 from guise.analogy.formats.gltf_container import GL_ARRAY_BUFFER, GL_ELEMENT_ARRAY_BUFFER, GltfContainer
 from guise.analogy.formats.humanoid import STANDING, find_bones
+from guise.analogy.formats.vrm import LICENSE
 from guise.api.heads import transfer_rig
 from guise.app.rig.head import shipped_head
 from guise.common.arrays import F64
@@ -31,7 +32,7 @@ METRES_PER_DM, MM_PER_METRE = 0.1, 1000.0
 MAX_ROUNDING_MM, MAX_STILL_MM = 0.04, 0.1  # a rig leaves out what moves less than 1e-4 of a part
 ARTIST = ("Fcl_ALL_Joy", "Fcl_MTH_A")
 VROID_BONES = {"hips": "C_Hips", "spine": "C_Spine", "head": "C_Head"}
-SPRING = {"springs": [{"name": "hair", "joints": [{"node": 2, "hitRadius": 0.02}]}]}
+SPRING = {"specVersion": "1.0", "springs": [{"name": "hair", "joints": [{"node": 2, "hitRadius": 0.02}]}]}
 
 
 def vrm_bytes(avatar: Avatar, version: int) -> bytes:
@@ -43,42 +44,39 @@ def vrm_bytes(avatar: Avatar, version: int) -> bytes:
     _add_skeleton(made, float(np.ptp(at[:, 1])), turned)
     called = NAMES["VRoid"]
     for name in dict.fromkeys(names.split(" / ")[0] for names in called.values()):
-        kinds = [
-            kind for kind, rows in avatar.parts.items() if called[kind].startswith(f"{name} /") and len(rows)
-        ]
-        if kinds:
-            _add_mesh(
-                made,
-                name,
-                {called[kind].split(" / ")[1]: avatar.parts[kind] for kind in kinds},
-                avatar,
-                at,
-                ways,
-            )
-    made.json["scenes"] = [
-        {"nodes": [0, *(k for k, node in enumerate(made.json["nodes"]) if "mesh" in node)]}
-    ]
-    face = next(k for k, node in enumerate(made.json["nodes"]) if node["name"] == "Face")
-    mesh, bones = made.json["nodes"][face]["mesh"], find_bones(made.json["nodes"])
+        own = {kind: rows for kind, rows in avatar.parts.items() if called[kind].startswith(f"{name} /")}
+        _add_mesh(
+            made, name, {called[kind].split(" / ")[1]: rows for kind, rows in own.items()}, avatar, at, ways
+        )
+    nodes = made.json["nodes"]
+    made.json["scenes"] = [{"nodes": [0, *(k for k, node in enumerate(nodes) if "mesh" in node)]}]
+    face, bones = [node["name"] for node in nodes].index("Face"), find_bones(nodes)
     if version:
-        meta = {"name": "body", "authors": ["nobody"], "licenseUrl": "https://vrm.dev/licenses/1.0/"}
-        own: dict[str, Any] = {"specVersion": "1.0", "meta": meta}
-        own["humanoid"] = {"humanBones": {name: {"node": node} for name, node in bones.items()}}
+        meta = {"name": "body", "authors": ["nobody"], "licenseUrl": LICENSE}
         binds = [{"morphTargetBinds": [{"node": face, "index": k, "weight": 1.0}]} for k in (0, 1)]
-        own["expressions"] = {"preset": {"happy": binds[0], "aa": binds[1]}}
-        made.json["extensions"] = {"VRMC_vrm": own, "VRMC_springBone": {"specVersion": "1.0", **SPRING}}
+        human: Any = {"humanBones": {name: {"node": node} for name, node in bones.items()}}
+        told = {
+            "meta": meta,
+            "humanoid": human,
+            "expressions": {"preset": {"happy": binds[0], "aa": binds[1]}},
+        }
+        made.json["extensions"] = {"VRMC_vrm": {"specVersion": "1.0", **told}, "VRMC_springBone": SPRING}
     else:
         groups = [
-            {"name": name, "presetName": name.lower(), "binds": [{"mesh": mesh, "index": k, "weight": 100}]}
+            {
+                "name": name,
+                "presetName": name.lower(),
+                "binds": [{"mesh": nodes[face]["mesh"], "index": k, "weight": 100}],
+            }
             for k, name in enumerate(("Joy", "A"))
         ]
-        own = {
-            "specVersion": "0.0",
-            "meta": {"title": "body", "author": "nobody"},
-            "secondaryAnimation": SPRING,
+        human = {"humanBones": [{"bone": name, "node": node} for name, node in bones.items()]}
+        told = {
+            "meta": {"title": "body"},
+            "humanoid": human,
+            "blendShapeMaster": {"blendShapeGroups": groups},
         }
-        own["humanoid"] = {"humanBones": [{"bone": name, "node": node} for name, node in bones.items()]}
-        made.json["extensions"] = {"VRM": {**own, "blendShapeMaster": {"blendShapeGroups": groups}}}
+        made.json["extensions"] = {"VRM": {**told, "secondaryAnimation": SPRING}}
     made.json["extensionsUsed"] = list(made.json["extensions"])
     return made.to_glb()
 
@@ -151,14 +149,10 @@ def measure_avatar(avatar: Avatar, version: int, folder: Path, report: Report) -
     off = float(np.abs(way.max(1) - wanted).max())
     names = np.array(before.file.part_names)
     still = [way[:, names == NAMES["VRoid"][kind]].max(initial=0.0) for kind in STILL]
-    kept = [
-        name
-        for name in ARTIST
-        if name in after.names
-        and np.allclose(
-            after.shapes[after.names.index(name)], before.shapes[before.names.index(name)], atol=1e-6
-        )
-    ]
+    kept = (
+        np.abs(after.shapes[: len(ARTIST)] - before.shapes).max() < 1e-6
+        and after.names[: len(ARTIST)] == ARTIST
+    )
     same = one.container.buffer == other.container.buffer[: len(one.container.buffer)]
     customs = sum(coefficient_of(name) >= 0 and len(w) > 0 for name, w in after.expressions.items())
     presets = sum(name in PRESETS and len(w) > 0 for name, w in after.expressions.items())
@@ -167,7 +161,7 @@ def measure_avatar(avatar: Avatar, version: int, folder: Path, report: Report) -
         Criterion(f"{which}: names that come back", float(customs), ">=", 52.0),
         Criterion(f"{which}: the furthest vertex of a shape, off", off, "<=", MAX_ROUNDING_MM, "mm"),
         Criterion(f"{which}: what should be still", max(still), "<=", MAX_STILL_MM, "mm"),
-        Criterion(f"{which}: the file's own bytes and shapes kept", float(same) + len(kept), ">=", 3.0),
+        Criterion(f"{which}: the file's own bytes and shapes kept", float(same) + float(kept), ">=", 2.0),
     ]
     moved = float(np.median(way[:, names == NAMES["VRoid"]["head"]].max(1)))
     return which, len(after.names), customs, presets, moved, off, max(still), same
@@ -178,20 +172,12 @@ def measure(options: argparse.Namespace) -> Report:
     report = Report(NAME, TITLE)
     avatar = People(Path(options.shared)).body("p03", "VRoid")
     with tempfile.TemporaryDirectory() as folder:
-        rows = [
-            measure_avatar(avatar, version, Path(folder), report)
-            for version in ((1,) if options.quick else (1, 0))
-        ]
+        versions = (1,) if options.quick else (1, 0)
+        rows = [measure_avatar(avatar, version, Path(folder), report) for version in versions]
     columns = (
-        "version",
-        "shapes",
-        "of ARKit, as expressions",
-        "presets",
-        "median motion, mm",
-        "off, mm",
-        "still, mm",
+        "version", "shapes", "of ARKit, as expressions", "presets", "median motion, mm", "off, mm", "still, mm",
         "bytes kept",
-    )
+    )  # fmt: skip
     report.tables.append(Table("Avatars in VRoid's layout", columns, rows))
     return report
 
