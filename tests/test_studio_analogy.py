@@ -2,6 +2,8 @@
 # ruff: noqa: F811 (fixtures)
 
 import io
+import re
+import tomllib
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -142,6 +144,46 @@ def test_a_landmark_is_placed_by_a_click_on_the_head(desk: Any, studio_server: S
     nose = FEATURE_POINT_NAMES.index("nose_tip")
     assert 0.01 < moved[nose] < 1
     assert np.delete(moved, nose).max() < 1e-3
+
+
+def test_a_part_is_clicked_and_called_what_the_transfer_takes_it_for(
+    desk: Any, studio_server: StudioServer
+) -> None:
+    desk.get_by_role("tab", name="Heads").click()
+    upload(desk, "Source", HEADS / "mean.obj")
+    upload(desk, "Expressions", HEADS / "mean_smile.obj")
+    upload(desk, "Target", HEADS / "arkit.glb")
+    desk.get_by_role("button", name="Parts of the target").click()
+    place = desk.get_by_role("application", name="Place parts by keys")
+    place.wait_for(timeout=LONG)
+    place.focus()
+    desk.keyboard.press("n")
+    desk.get_by_text("Part 2 of").wait_for()
+    scene = desk.get_by_role("img", name="click to place the part")
+    ready = "(id) => [...getElement(id).objects.values()].filter((o) => o.mesh).length > 2"
+    desk.wait_for_function(ready, arg=int(scene.get_attribute("id").removeprefix("c")))
+    desk.wait_for_timeout(1500)
+    box = scene.bounding_box()
+    desk.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    desk.get_by_text("face skin, by its landmarks").wait_for()
+    for _ in range(2):
+        place.focus()
+        desk.keyboard.press("n")
+    said = desk.get_by_text(re.compile(r"^Part 3 of \d+: ")).inner_text()
+    assert "face skin" not in said
+    desk.get_by_role("combobox", name="What it is").click()
+    desk.get_by_role("option", name="glasses").click()
+    desk.get_by_text("glasses, by your choice").wait_for()
+    with desk.expect_download() as waiting:
+        desk.get_by_role("button", name="Download parts.toml").click()
+    kinds = [one["kind"] for one in tomllib.loads(Path(waiting.value.path()).read_text())["part"]]
+    assert "glasses" in kinds
+    assert "face skin" in kinds
+    desk.get_by_role("button", name="Save").click()
+    (file,) = (studio_server.folder / "uploads").glob("*.parts.toml")
+    assert [one["kind"] for one in tomllib.loads(file.read_text())["part"]] == ["glasses"]
+    desk.get_by_role("button", name="Transfer").click()
+    desk.get_by_text(re.compile("Parts of the target: .*glasses")).first.wait_for(timeout=LONG)
 
 
 def test_a_landmark_is_placed_by_keys(desk: Any, studio_server: StudioServer) -> None:

@@ -5,7 +5,7 @@ Results are jobs "analogy-photo" and "analogy-head", listed under the form that 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,12 @@ from guise.app.photos.options import AnalogyOptions as PhotoOptions
 from guise.app.studio.analogy_jobs import MONTAGE, PICTURE, SOURCE, TARGET, ZIP, head, photo
 from guise.app.studio.dialogs import confirm
 from guise.app.studio.file_picker import FilePicker
-from guise.app.studio.head_points import BACKGROUND, Standing, edit_points, points_file
+from guise.app.studio.head_dialog import BACKGROUND, Standing
+from guise.app.studio.head_parts import edit_parts, parts_file
+from guise.app.studio.head_points import edit_points, points_file
 from guise.app.studio.option_form import PresetChoice, taken
 from guise.app.studio.site import Studio, advanced, choice_row, heading, page, script, sentence, show_job
-from guise.app.studio.store import JobRow, StudioError
+from guise.app.studio.store import JobRow, StudioError, Upload
 from guise.app.studio.uploads import CLIP, MESH, shown
 from guise.app.studio.uploads import PICTURE as IMAGE
 
@@ -202,10 +204,12 @@ class _HeadForm(_AnalogyForm):
                 )
                 self._target = FilePicker(self.studio, "Target", "Target: another head at rest", (MESH,))
             with ui.row().classes("items-center"):
-                ui.label("Look at the landmarks, or place them yourself:")
+                ui.label("Look at landmarks and parts, or set them yourself:")
                 for words, picker in (("source", self._source), ("target", self._target)):
                     button = ui.button(f"Landmarks of the {words}", icon="place")
-                    button.on_click(partial(self._points, picker)).props("outline")
+                    button.on_click(partial(self._edit, picker, edit_points)).props("outline")
+                button = ui.button("Parts of the target", icon="face")
+                button.on_click(partial(self._edit, self._target, edit_parts)).props("outline")
             self._keep_rigid = ui.switch("Keep eyes and teeth in place")
             with advanced():
                 PresetChoice(HEAD_COMMANDS, self._options, self._use).build()
@@ -220,10 +224,10 @@ class _HeadForm(_AnalogyForm):
         chosen = taken(HeadOptions, given)
         self._method.value, self._keep_rigid.value = chosen.method, chosen.keep_rigid
 
-    async def _points(self, picker: FilePicker) -> None:
+    async def _edit(self, picker: FilePicker, edit: Callable[[Studio, Upload], Awaitable[None]]) -> None:
         if not picker.chosen:
             raise StudioError("choose a head first")
-        await edit_points(self.studio, picker.chosen[0])
+        await edit(self.studio, picker.chosen[0])
 
     def _about(self) -> dict[str, Any]:
         source, expressions, target = self._source.chosen, self._expressions.chosen, self._target.chosen
@@ -237,6 +241,7 @@ class _HeadForm(_AnalogyForm):
             "target": str(target[0].path), "title": f"{target[0].name}, as {source[0].name}",
             "method": self._method.value, "keep_rigid": self._keep_rigid.value,
             "landmarks": landmarks if set(landmarks) != {AUTO} else None,
+            "parts": str(parts_file(target[0])) if parts_file(target[0]).exists() else None,
         }  # fmt: skip
 
     def _result(self, job: JobRow, folder: Path) -> None:

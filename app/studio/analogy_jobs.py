@@ -17,6 +17,7 @@ from guise.app.media import EncodeOptions
 from guise.app.meshes.context import RunContext
 from guise.app.meshes.options import TransferOptions as HeadOptions
 from guise.app.meshes.pair import TransferPair, prepare_pair
+from guise.app.meshes.parts import parts_line
 from guise.app.meshes.pictures import HeadView
 from guise.app.meshes.transferring import WRITING, transfer_all
 from guise.app.photos.animate import animate_file
@@ -57,17 +58,18 @@ def head(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, A
     """Transfer expressions of a head to another.
 
     about : files {path: name}; source, expressions (empty: its morph targets), target, paths; method, keep_rigid;
-        landmarks, of both, files or "auto", or None.
+        landmarks, of both, files or "auto", or None; parts, of the target, a file, or None.
     Returns the names of the expressions, the views of both heads, a sentence, and notes.
     """
     notes: list[str] = []
     context = RunContext(False, progress, notes.append)
     source, names, faces = _expressions(about, context)
     target = context.read(Path(about["target"]))
-    landmarks = about.get("landmarks")
+    landmarks, parts = about.get("landmarks"), about.get("parts")
     options = HeadOptions(
-        about["method"], landmarks=landmarks and tuple(landmarks), keep_rigid=about["keep_rigid"]
-    )
+        about["method"], landmarks=landmarks and tuple(landmarks), keep_rigid=about["keep_rigid"],
+        parts=parts and Path(parts),
+    )  # fmt: skip
     pair = prepare_pair(source, target, options, context)
     made, carried = transfer_all(pair, faces, [(name, name) for name in names], context)
     with context.stage(WRITING):
@@ -77,6 +79,8 @@ def head(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, A
     found = pair.heads.correspondence.found.mean()
     seconds = sum(context.seconds.values())
     sentence = f"{len(names)} expressions, {found:.0%} of the target found on the source, {seconds:.1f} s."
+    if pair.heads.parts:
+        notes.append(f"Parts of the target: {parts_line(pair.heads.parts)}.")
     return {
         "names": names, "stands": _views(pair), "sentence": sentence, "notes": _translated(notes, about),
         "told": [one.summary() for one in carried],

@@ -12,7 +12,7 @@ from nicegui import ui
 from guise.analogy.formats.gltf import scene_parts, scene_roots
 from guise.analogy.formats.gltf_container import GltfContainer, Json
 from guise.app.rig.head import RigHead, read_rig_head, shipped_head
-from guise.app.studio.head_points import Standing
+from guise.app.studio.head_dialog import Standing
 from guise.app.studio.uploads import MESH
 from guise.common.arrays import F64
 from guise.common.files import write_whole

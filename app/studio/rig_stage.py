@@ -6,7 +6,7 @@ from nicegui import ui
 
 from guise.app.live.output import OutputFrame
 from guise.app.rig.shown import RigFrame
-from guise.app.studio.head_points import BACKGROUND, CAMERA_HEAD_HEIGHTS
+from guise.app.studio.head_dialog import BACKGROUND, CAMERA_HEAD_HEIGHTS
 from guise.app.studio.live_stage import Stage
 from guise.app.studio.rig_heads import DrawnRig
 

@@ -181,6 +181,11 @@ def analogy(visit: Visit) -> None:
     visit.page.get_by_role("tab", name="Heads").click()
     visit.page.get_by_role("button", name="Transfer").wait_for()
     visit.look("analogy_heads")
+    visit.drop("rig.glb", 2)
+    visit.page.get_by_role("img", name="rig", exact=True).wait_for(timeout=LONG_MS)
+    visit.press("Parts of the target")
+    visit.see("Part 1 of")
+    visit.look("analogy_parts")
 
 
 def live(visit: Visit) -> None:

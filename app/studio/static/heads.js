@@ -15,6 +15,15 @@ const guiseHeads = {
     if (heads.length < ids.length && tries) setTimeout(() => this.show(scene, ids, shape, amount, tries - 1), 100);
   },
 
+  // Shows the points of an object also where others hide them, once it is there.
+  seeThrough(scene, id, tries = 100) {
+    const mesh = getElement(scene)?.objects?.get(id)?.mesh;
+    if (mesh) {
+      mesh.material.depthTest = mesh.frustumCulled = false;
+      mesh.renderOrder = 1;
+    } else if (tries) setTimeout(() => this.seeThrough(scene, id, tries - 1), 100);
+  },
+
   // Studio lighting: shadows reveal the shape.
   light(scene) {
     getElement(scene)?.objects?.get("scene").mesh.traverse((light) => {
