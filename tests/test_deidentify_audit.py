@@ -358,3 +358,32 @@ def test_what_only_a_cover_s_edge_makes_a_face_is_none() -> None:
     audit.before([Frame.from_rgb(ground)], {})
     assert not list(audit.after([Frame.from_rgb(rgb)], {}, {}))
     assert search().faces(rgb, None).boxes.size
+
+
+@pytest.mark.parametrize(("score", "across", "kept"), [(0.5, 30, 1), (0.8, 30, 2), (0.5, 80, 2)])
+def test_print_on_the_clothes_below_a_face_is_none(
+    score: float, across: int, kept: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A tie with dots has skin's colour and a likeness of 7, but no points; larger, or surer, it may be a child."""
+    face, below = (
+        np.array([100, 60, 200, 160]),
+        np.array([150 - across / 2, 240, 150 + across / 2, 240 + across]),
+    )
+    boxes = RolledBoxes(
+        np.array([face, below], np.float32), np.array([0.9, score], np.float32), np.zeros(2, np.float32)
+    )
+    searched = AuditSearch(None)
+    monkeypatch.setattr(searched, "_boxes", lambda *_: boxes)
+    monkeypatch.setattr(searched, "_landmarker", _NoPoints())
+    monkeypatch.setattr(searched._shares, "has_face", lambda *_: True)
+    assert len(searched.faces(np.zeros((400, 300, 3), np.uint8), None)) == kept
+
+
+class _NoPoints:
+    """A landmarker to which everything looks like a face, and that finds no points."""
+
+    def likeness(self, rgb: np.ndarray, box: np.ndarray, turn: float) -> float:
+        return 7.0
+
+    def look_in_box(self, rgb: np.ndarray, box: np.ndarray, turn: float) -> tuple[None, float]:
+        return None, 7.0

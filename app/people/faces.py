@@ -409,14 +409,17 @@ def _is_ear(box: F32, face: F32) -> bool:
 
 
 def _is_worn(box: F32, face: Face) -> bool:
-    """Whether a box lies on the body below an upright face, too small for a face before it: ties and badges."""
-    size, away = face.box[2:] - face.box[:2], (box[:2] + box[2:] - face.box[:2] - face.box[2:]) / 2
+    """Whether a box is that of something worn by somebody whose face is upright."""
+    is_upright = np.isfinite(face.points).all() and abs(turn_of(face.points)) < LIMITS.upright_radians
+    return bool(is_upright and face.confidence >= LIMITS.sure_confidence) and is_worn_below(box, face.box)
+
+
+def is_worn_below(box: F32, face: F32) -> bool:
+    """Whether a box (4,) lies on the body below an upright face (4,), too small for a face before it: ties, badges."""
+    size, away = face[2:] - face[:2], (box[:2] + box[2:] - face[:2] - face[2:]) / 2
     half, below = LIMITS.body_face_sizes * size
     is_below = abs(away[0]) < half and size[1] / 2 < away[1] < below
-    if not is_below or ((box[2:] - box[:2]) >= LIMITS.worn_face_sizes * size).any():
-        return False
-    is_upright = np.isfinite(face.points).all() and abs(turn_of(face.points)) < LIMITS.upright_radians
-    return bool(is_upright and face.confidence >= LIMITS.sure_confidence)
+    return bool(is_below and ((box[2:] - box[:2]) < LIMITS.worn_face_sizes * size).all())
 
 
 def _is_at_wrong_roll(box: F32, turn: float, face: Face) -> bool:

@@ -84,6 +84,7 @@ def measure(options: argparse.Namespace) -> Report:
         rows.append((clip.name, report["frames"], len({frame for frame, _, _ in found}), words))
         common.say(f"{rows[-1]}")
         if options.show:
+            options.show.mkdir(parents=True, exist_ok=True)
             show(clip, found, options.show)
     frames, false = (sum(int(str(row[k])) for row in rows) for k in (1, 2))
     return Report(

@@ -21,6 +21,8 @@ from guise.aam.landmarks.registry import DetectorPerThread
 from guise.aam.landmarks.rolls import RolledBoxes, detect_at_rolls
 from guise.aam.landmarks.voting import VotingDetector
 from guise.app.deidentify.stages.doubt import Doubt, DoubtSearch
+from guise.app.people.faces import LIMITS as FACES
+from guise.app.people.faces import is_worn_below
 from guise.app.people.skin import FaceShares
 from guise.common.arrays import F32, F64, U8
 
@@ -88,8 +90,19 @@ class AuditSearch:
             if not any(is_same(found.boxes[k], box) for box in known):
                 score, turn = float(found.scores[k]), float(found.turns[k])
                 turns[k] = self._likely_turn(rgb, found.boxes[k], score, turn, no_points)
+        turns[[self._is_print(rgb, k, found, turns) for k in range(len(found))]] = np.nan
         is_face = ~np.isnan(turns)
         return RolledBoxes(found.boxes[is_face], found.scores[is_face], turns[is_face]).distinct()
+
+    def _is_print(self, rgb: U8, k: int, found: RolledBoxes, turns: F32) -> bool:
+        """Whether the k-th box is on the clothes below a sure, upright face, uncertain and without points."""
+        is_sure = (found.scores >= LIMITS.certain_score) & (np.abs(turns) < FACES.upright_radians)
+        box, turn = found.boxes[k], float(turns[k])
+        if np.isnan(turn) or found.scores[k] >= LIMITS.certain_score:
+            return False
+        if not any(is_worn_below(box, face) for face in found.boxes[is_sure]):
+            return False
+        return self._landmarker.look_in_box(rgb, box, turn)[0] is None
 
     def _likely_turn(self, rgb: U8, box: F32, score: float, turn: float, no_points: float) -> float:
         """The turn at which a box is a face's, NaN if at none; a sure one may be turned otherwise, or behind bars."""
