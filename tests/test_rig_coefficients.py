@@ -15,6 +15,7 @@ from guise.aam.rig.coefficients import (
     RigEstimator,
     coefficients,
     shipped,
+    smoothed,
 )
 from guise.aam.rig.names import ARKIT_NAMES, FULL_LOOK_DEGREES, INDEX
 from guise.analogy.formats.files import Rig, read_rig
@@ -69,6 +70,13 @@ def test_the_filter_lags_by_less_than_a_frame_and_holds_what_is_still() -> None:
     noise = 0.01 * np.random.default_rng(0).standard_normal(200)
     held = np.array([still(np.array([x]), k / 30)[0] for k, x in enumerate(noise)])
     assert held[20:].std() < 0.75 * noise.std()
+
+
+def test_a_whole_clip_is_smoothed_without_any_lag() -> None:
+    pulse = np.maximum(0, 1 - np.abs(np.arange(41) - 20) / 5)[:, None]
+    found = smoothed(pulse, np.arange(41) / 30)
+    assert np.allclose(found, found[::-1])
+    assert 0.5 < found[20, 0] < 1
 
 
 def test_a_map_learns_the_gain_of_a_person_and_nothing_from_nothing() -> None:

@@ -3,7 +3,8 @@
 A small network (`training/rig_head.py`, `aam/data/rig.md`) tells coefficients from what is seen of eyes, brows and
 mouth, and from how that differs from the same person at rest.  Rest is told by a calibration or estimated on the way,
 as the calmest of what was seen.  A calibration may also hold a linear map of the person's own.  Everything is smoothed
-by the One Euro filter (Casiez, Roussel and Vogel, CHI 2012), which lags by less than a frame.
+by the One Euro filter (Casiez, Roussel and Vogel, CHI 2012), which lags by less than a frame; a whole clip both ways,
+so that nothing lags.
 
 Blend shapes add up linearly, see Lewis et al., Practice and theory of blendshape facial models (Eurographics 2014).
 Pixels, x right, y down; angles in degrees.
@@ -209,6 +210,17 @@ class OneEuro:
             self._last = np.asarray(self._last + _share(cutoff, step) * (values - self._last), np.float64)
         self._seconds = seconds
         return self._last.copy()
+
+
+def smoothed(values: Floating, seconds: Floating) -> F64:
+    """Values (t, n) of a whole clip, filtered forwards and backwards, so that nothing lags."""
+    ways = []
+    for order in (slice(None), slice(None, None, -1)):
+        keep, times = OneEuro(), np.abs(seconds[order] - seconds[order][0])
+        ways.append(
+            np.array([keep(row, float(at)) for row, at in zip(values[order], times, strict=True)])[order]
+        )
+    return np.asarray(np.add(*ways) / 2, np.float64)
 
 
 def _share(cutoff: F64, step: float) -> F64:

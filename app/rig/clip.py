@@ -12,7 +12,7 @@ from guise.aam.rig.calibration import load
 from guise.aam.rig.coefficients import RigCalibration
 from guise.app.media import MediaInput, open_input
 from guise.app.media.time_range import TimeRange
-from guise.app.rig.curves import CurveRecorder
+from guise.app.rig.curves import CurveRecorder, RigCurves
 from guise.app.rig.following import RigFollower, calibration_of
 from guise.app.rig.formats import shows_head, write_curves
 from guise.app.rig.head import RigHead, open_head
@@ -92,14 +92,16 @@ def rig_clip(
         else:
             calibration = None if options.calibration is None else load(options.calibration)
         with open_input(clip, part=part) as media:
-            follower = RigFollower(calibration, smooth=options.smooth and media.kind == "video", say=notes)
+            follower = RigFollower(calibration, smooth=False, say=notes)
             recorder = _follow(media, follower, options.person, progress)
+            smooth = options.smooth and media.kind == "video"
         notes.extend(media.problems)
     if not recorder.with_face:
         raise GuiseError(
             f"no face was found in {clip}, and nothing was written: give a clip of one person's face"
         )
-    return write_rig_file(output, recorder, head, calibration, follower, start, tuple(notes.said))
+    curves = recorder.curves(smooth=smooth)
+    return write_rig_file(output, curves, head, calibration, follower, start, tuple(notes.said))
 
 
 def check_rig_output(output: Path, inputs: list[Path], head: Path | None, *, force: bool) -> None:
@@ -120,14 +122,13 @@ def open_shown_head(output: Path, options: RigOptions, progress: Progress, say: 
 
 
 def write_rig_file(
-    output: Path, recorder: CurveRecorder, head: RigHead | None, calibration: RigCalibration | None,
+    output: Path, curves: RigCurves, head: RigHead | None, calibration: RigCalibration | None,
     follower: RigFollower, start: float, notes: tuple[str, ...],
 ) -> RigReport:  # fmt: skip
-    """Write what was recorded since `start`, and report it."""
-    curves = recorder.curves()
+    """Write what was told since `start`, and report it."""
     write_curves(output, curves, head)
     return RigReport(
-        str(output), len(curves.seconds), len(curves.seconds) - recorder.with_face, round(curves.longest_gap, 3),
+        str(output), len(curves.seconds), int((~curves.seen).sum()), round(curves.longest_gap, 3),
         calibration is not None, None if head is None else head.shapes, () if head is None else tuple(head.nodes),
         follower.per_frame, round(time.perf_counter() - start, 3), notes,
     )  # fmt: skip

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from guise.aam.rig.coefficients import Coefficients
-from guise.aam.rig.names import ARKIT_NAMES
+from guise.aam.rig.coefficients import Coefficients, smoothed
+from guise.aam.rig.names import ARKIT_NAMES, FULL_LOOK_DEGREES
 from guise.common.arrays import F64, Bool
 
 REST = Coefficients(np.zeros(len(ARKIT_NAMES), np.float32), np.zeros(3), np.zeros((2, 3)))
@@ -62,13 +62,15 @@ class CurveRecorder:
         """Number of frames with a face."""
         return sum(seen for _, _, seen in self.rows)
 
-    def curves(self) -> RigCurves:
-        """What was taken; there must be a frame."""
+    def curves(self, *, smooth: bool = False) -> RigCurves:
+        """What was taken; there must be a frame.   smooth : over all frames."""
         seconds, found, seen = zip(*self.rows, strict=True)
-        return RigCurves(
-            np.array(seconds, np.float64),
-            np.array([one.weights for one in found], np.float64),
-            np.array([one.head for one in found]),
-            np.array([one.eyes for one in found]),
-            np.array(seen),
-        )
+        times, count = np.array(seconds, np.float64), len(ARKIT_NAMES)
+        units = np.repeat(
+            [1.0, 90.0, FULL_LOOK_DEGREES], [count, 3, 6]
+        )  # in which the filter sees each value
+        values = np.array([np.concatenate([w, head, eyes.ravel()]) for w, head, eyes in found], np.float64)
+        if smooth:
+            values = smoothed(values / units, times) * units
+        weights, head, eyes = np.split(values, [count, count + 3], axis=1)
+        return RigCurves(times, weights, head, eyes.reshape(-1, 2, 3), np.array(seen))

@@ -221,7 +221,7 @@ def run_rig_live(
         if not recorder.with_face:
             raise GuiseError(f"no face was seen, and {options.output} was not written")
         written = write_rig_file(
-            options.output, recorder, head, processor.calibration, processor.follower, start, ()
+            options.output, recorder.curves(), head, processor.calibration, processor.follower, start, ()
         )
     return RigLiveReport(0 if sender is None else sender.sent, written, processor.follower.per_frame, stats)
 

@@ -2,8 +2,8 @@
 
 Correlations over the frames of a clip, averaged over people: of talk2, calibrated on talk by its true controls, by
 stills of the person (`stills`), or not at all.  The renderer's controls are put in ARKit's terms by
-`training.arkit_shapes.UNIT_SHAPES`.  A curve that does not move in a clip is left out.  `--work` keeps what was seen of
-each clip.
+`training.arkit_shapes.UNIT_SHAPES`.  Curves are smoothed as `guise rig from-video` does it.  One that does not move
+in a clip is left out.  `--work` keeps what was seen of each clip.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from benchmarks.common import Criterion, Report, Table
 from guise.aam.landmarks import FaceTracker
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.rig.calibration import Calibrator, fit_map
-from guise.aam.rig.coefficients import LOOKS, TOLD, Rest, RigCalibration, RigEstimator, shipped
+from guise.aam.rig.coefficients import LOOKS, TOLD, Rest, RigCalibration, RigEstimator, shipped, smoothed
 from guise.aam.rig.names import ARKIT_NAMES, FULL_LOOK_DEGREES, INDEX
 from guise.app.media import open_input
 from guise.common.arrays import F32, F64
@@ -54,9 +54,10 @@ MOST_MS = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What was seen of a clip: components (t, k), NaN where there was no face, and milliseconds a frame."""
+    """What was seen of a clip: components (t, k), NaN where there was no face, when, and milliseconds a frame."""
 
     components: F32
+    seconds: F64
     milliseconds: float
 
 
@@ -65,23 +66,24 @@ def look(video: Path, keep: Path | None) -> Seen:
     file = None if keep is None else keep / f"{video.parent.name}_{video.stem}.npz"
     if file is not None and file.is_file():
         with np.load(file) as stored:
-            return Seen(stored["components"], float(stored["milliseconds"]))
+            return Seen(stored["components"], stored["seconds"], float(stored["milliseconds"]))
     tracker, estimator = FaceTracker(BuiltinLandmarker(turned=())), RigEstimator()
     rows: list[F32 | None] = []
-    spent = 0.0
+    seconds, spent = list[float](), 0.0
     with open_input(video) as source:
         for frame in source:
             rgb = frame.rgb()
+            seconds.append(float(frame.seconds))
             face = tracker.update(rgb)
             began = time.process_time()
             rows.append(None if face is None else estimator.components(rgb, face.points)[0])
             spent += time.process_time() - began
     width = next(len(row) for row in rows if row is not None)
     found = np.array([np.full(width, np.nan, np.float32) if row is None else row for row in rows])
-    seen = Seen(found, 1e3 * spent / max(len(rows), 1))
+    seen = Seen(found, np.array(seconds), 1e3 * spent / max(len(rows), 1))
     if file is not None:
         file.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(file, components=seen.components, milliseconds=seen.milliseconds)
+        np.savez(file, **vars(seen))
     return seen
 
 
@@ -154,7 +156,7 @@ def people_figures(options: argparse.Namespace) -> tuple[dict[str, dict[str, F64
             "none": lambda: None,
         }
         for way, calibrated in ways.items():
-            values = told(second.components, calibrated())
+            values = smoothed(told(second.components, calibrated()), second.seconds)
             for curve, names in CURVES.items():
                 found.setdefault(way, {}).setdefault(curve, []).append(correlation(values, truth, names))
         spent.append(second.milliseconds)
@@ -191,8 +193,8 @@ def beside_mediapipe(options: argparse.Namespace) -> list[tuple[str, str, float]
     for video, theirs, names in mediapipe_clips(options.shared):
         if options.quick and not video.stem.startswith("talk"):
             continue
-        seen = look(video, options.work).components
-        found = told(seen, None)
+        clip = look(video, options.work)
+        seen, found = clip.components, smoothed(told(clip.components, None), clip.seconds)
         count = min(len(found), len(theirs))
         both = np.isfinite(theirs[:count]).all(1) & np.isfinite(seen[:count]).all(1)
         for name in NAMES[: len(TOLD)]:

@@ -5,7 +5,7 @@
 The controls of talk2 of data/synthetic move its people again, before the renderer in `shared/people`, as they are,
 turned and with glasses; and the shapes of `training.arkit_shapes` on the head that ships, which is to give its curves
 back.
-Without calibration; correlations as in `benchmarks.rig.coefficients`.
+Without calibration, smoothed as `guise rig from-video` does it; correlations as in `benchmarks.rig.coefficients`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from benchmarks.common import Criterion, Report, Table
 from benchmarks.rig.coefficients import CURVES, NAMES, TARGETS, UNCALIBRATED, correlation, told, truth_of
 from guise.aam.landmarks import FaceTracker
 from guise.aam.landmarks.builtin import BuiltinLandmarker
-from guise.aam.rig.coefficients import RigEstimator
+from guise.aam.rig.coefficients import RigEstimator, smoothed
 from guise.aam.rig.names import FULL_LOOK_DEGREES
 from guise.common.arrays import F64, U8
 from training.arkit_head import SPEC
@@ -30,7 +30,7 @@ from training.render_people import load_program, make_renderer
 from training.rig_pictures import extend, give_shapes, weights_of
 
 NAME, TITLE = "rig.rendered", "ARKit's coefficients of turned people, with glasses, and of the rig itself"
-PEOPLE, EVERY = ("p03", "p06", "p13", "p14"), 2  # frames of talk2
+PEOPLE, EVERY, FPS = ("p03", "p06", "p13", "p14"), 2, 30  # frames of talk2
 TURN_DEGREES = 30.0
 WHOLE_RIG = 0.95
 SIDE = 320  # pixels
@@ -71,7 +71,8 @@ def seen(pictures: Iterator[U8]) -> F64:
         face = tracker.update(rgb)
         rows.append(estimator.components(rgb, face.points)[0] if face is not None else None)
     width = next(len(row) for row in rows if row is not None)
-    return told(np.array([np.full(width, np.nan) if row is None else row for row in rows], np.float32), None)
+    found = np.array([np.full(width, np.nan) if row is None else row for row in rows], np.float32)
+    return smoothed(told(found, None), np.arange(len(rows)) * EVERY / FPS)
 
 
 def measure(options: argparse.Namespace) -> Report:
