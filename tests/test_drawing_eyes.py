@@ -33,7 +33,9 @@ from guise.app.drawing.engine import Engine
 from guise.app.drawing.face import FaceInFrame
 from guise.app.drawing.look import DISGUISE, SWAP, Look
 from guise.app.drawing.memory import Memory
+from guise.app.drawing.passes import eyes as drawn_eyes
 from guise.app.drawing.passes.eyes import (
+    EYEBALL,
     LIMITS,
     Aperture,
     DrawnLid,
@@ -275,12 +277,12 @@ def eyeballs(identity: Identity) -> Eyeballs:
     return Eyeballs(identity.reference, irises, shape, texture)
 
 
-def _drawn(eyeballs: Eyeballs, identity: Identity, x: float, mesh: F64 | None = None) -> F32:
+def _drawn(eyeballs: Eyeballs, identity: Identity, x: float, mesh: F64 | None = None, y: float = 0.0) -> F32:
     """The brightness (h, w) of a texture whose eyes look at a place; of skin is 200."""
     mesh = identity.appearance.neutral_shape if mesh is None else mesh
     face, memory = FaceInFrame(Frame.from_rgb(np.zeros((8, 8, 3), np.uint8)), mesh, mesh, mesh=mesh), Memory()
     face.canvas.texture = np.full((identity.reference.mask.sum(), 3), 200, np.float32)
-    memory.gaze.parsed = np.array([[x, 0.0], [x, 0.0]])
+    memory.gaze.parsed = np.array([[x, y], [x, y]])
     eyeballs.paint(face, memory)
     return np.asarray(identity.reference.scatter(face.canvas.texture) @ LUMA)
 
@@ -298,6 +300,17 @@ def test_both_irises_are_where_the_source_has_them(eyeballs: Eyeballs, identity:
     left, right = (_drawn(eyeballs, identity, x) for x in (-0.1, 0.1))
     for eye in (tuple(RIGHT_EYE), tuple(LEFT_EYE)):
         assert _dark(right, identity, eye) - _dark(left, identity, eye) == pytest.approx(0.2, abs=0.07)
+
+
+def test_an_iris_half_under_the_lid_still_reflects_the_light(
+    eyeballs: Eyeballs, identity: Identity, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lit = _drawn(eyeballs, identity, 0.0, y=-0.15)
+    monkeypatch.setattr(drawn_eyes, "EYEBALL", replace(EYEBALL, reflected=0.0))
+    unlit = _drawn(eyeballs, identity, 0.0, y=-0.15)
+    for eye in (RIGHT_EYE, LEFT_EYE):
+        inside = soft_parts(identity.reference, (eye,), 0.0) > 0.8
+        assert (lit - unlit)[inside].max() > 40
 
 
 def test_only_eyes_are_drawn(eyeballs: Eyeballs, identity: Identity) -> None:

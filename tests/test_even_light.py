@@ -11,6 +11,7 @@ from guise.aam.even_light import (
     evenly_lit,
     shading,
     symmetric,
+    with_even_forehead,
     without_glints,
 )
 from guise.aam.landmarks.schemes import CHIN, NOSE_TIP
@@ -96,3 +97,13 @@ def test_small_glints_and_red_nostrils_are_dulled_and_moles_stay() -> None:
     assert (ratio["glint"] < 0.85).all()
     assert ratio["red"][0] < 0.95 < 1.02 < ratio["red"][1]
     assert np.abs(ratio["mole"] - 1).max() < 0.02
+
+
+def test_a_gleaming_forehead_becomes_as_bright_at_the_temples_and_the_chin_stays() -> None:
+    rows, columns = np.mgrid[: FRAME.size[0], : FRAME.size[1]]
+    aside = np.abs(columns - FRAME.size[1] / 2) / FRAME.resolution
+    glossy = np.asarray(120 * (1 + 0.4 * np.exp(-20 * aside**2))[..., None] * np.ones(3), np.float32)
+    made = with_even_forehead(glossy, FRAME)
+    top, chin = (SKIN & part for part in (rows < 0.15 * FRAME.size[0], rows > 0.8 * FRAME.size[0]))
+    assert made[top].std() < 0.4 * glossy[top].std()
+    np.testing.assert_allclose(made[chin], glossy[chin], rtol=1e-3)

@@ -15,7 +15,7 @@ import numpy as np
 from guise.aam.appearance import AppearanceModel
 from guise.aam.beard import LIMITS as BEARD_LIMITS
 from guise.aam.beard import beard
-from guise.aam.even_light import even_texture
+from guise.aam.even_light import even_texture, with_even_forehead
 from guise.aam.extrapolation import DEFAULT_GATE, Extrapolator
 from guise.aam.glasses import GlassesOnHead, WornGlasses
 from guise.aam.irises import EYES, Irises
@@ -203,8 +203,11 @@ def _in_tone_of(
         of_photo = person.identity.is_of_photo or donor.enrolled.is_of_photo
         return toned(donor.clean.appearance, even, rim=bare, shades="all" if of_photo else "own")
     # Brows move farther from where theirs were, and the end of one is no shade.
-    brows = soft_parts(person.identity.reference, (RIGHT_BROW, LEFT_BROW), BROW_REACH)
-    return toned(donor.clean.appearance, even, rim=bare * (1 - brows), shades="colour")
+    reference = person.identity.reference
+    brows = soft_parts(reference, (RIGHT_BROW, LEFT_BROW), BROW_REACH)
+    clean = donor.clean.appearance
+    lit = with_even_forehead(reference.scatter(clean.neutral_texture), reference)
+    return toned(clean.with_neutral_texture(lit), even, rim=bare * (1 - brows), shades="colour")
 
 
 def _alpha(reference: ReferenceFrame, edge: float, beards: F32) -> F32:
@@ -219,7 +222,7 @@ def _alpha(reference: ReferenceFrame, edge: float, beards: F32) -> F32:
 def _painted_eyes(person: TrackedPerson, donor: Donor, rgb: F32) -> tuple[Step, ...]:
     """What paints a donor's eyeballs into their texture (n, 3), looking where the person looks."""
     reference = person.identity.reference
-    theirs = Irises.at_rest(reference, donor.at_rest, rgb)
+    theirs = Irises.at_rest(reference, donor.at_rest, rgb).in_human_range()
     gaze = Gaze(person.irises, person.at_rest)
     return gaze.follow, Eyeballs(reference, theirs, donor.at_rest, rgb).paint
 

@@ -54,7 +54,7 @@ from guise.common import small
 from guise.common.arrays import F32, F64, U8
 from guise.common.decay import Decay
 from guise.common.interpolation import interpolation
-from guise.common.tuned import tuned
+from guise.common.tuned import derived, tuned
 
 
 @dataclass(frozen=True)
@@ -101,6 +101,11 @@ class EyeballLimits:
     # place, and standard deviation
     reflection: tuple[float, float, float] = tuned((-0.35, -0.4, 0.13), "radii", "deidentify.expression")
     reflected: float = tuned(1.3, "ratio", "deidentify.expression")  # of the white
+    # Radii beyond which nothing and within which all is pupil, and its brightness: a still's reflection hides it.
+    pupil: tuple[float, float] = derived((0.42, 0.28), "radii", "a pupil of 4 mm in an iris of 12")
+    black: float = derived(0.12, "share of the white", "what a cornea reflects of a bright room")
+    # by which an iris, lit from above, is brighter at its lower rim than in its middle
+    lit: float = tuned(0.35, "ratio", "deidentify.expression")
 
 
 @dataclass(frozen=True)
@@ -434,7 +439,8 @@ class Eyeballs:
         ):
             outline = mesh[group]
             places, lids = (in_eye(points, outline, width * nose) for points in (part.places(mesh), outline))
-            colours = self._shares(places - iris.astype(np.float32)) * np.float32(bright)
+            lid = lids[:, 1].min() * max(1 - 4 * iris[0] ** 2, 0) - iris[1]
+            colours = self._shares(places - iris.astype(np.float32), float(lid)) * np.float32(bright)
             colours *= _shade(places, lids)[:, None] * _veined(texture[part.beside], places)
             inside = _inside(places, lids)
             dark = np.where(places[:, 1] < 0, *EYEBALL.lashes) * np.exp(inside.clip(max=0) / EYEBALL.edge)
@@ -442,13 +448,19 @@ class Eyeballs:
             shown = np.clip(inside / EYEBALL.edge + 0.5, 0, 1)[:, None]
             part.paint(texture, skin + shown * (colours - skin))
 
-    def _shares(self, from_middle: F32) -> F32:
-        """(n, 3) shares of the white at places (n, 2) from the middle of the iris."""
+    def _shares(self, from_middle: F32, lid: float) -> F32:
+        """(n, 3) shares of the white at places (n, 2) from the middle of the iris; lid : where the upper one is there.
+
+        What is reflected lies below that lid: without it an iris looks like a hole.
+        """
         x, y = from_middle.T / np.float32(self._irises.radius)
         away = np.hypot(x, y)
-        share = ramp(away, IRIS_BORDER)
-        seen = 1 + share * (self._irises.at(np.minimum(away, 1)) - 1)
+        share, pupil = ramp(away, IRIS_BORDER), ramp(away, EYEBALL.pupil)
+        iris = self._irises.at(np.minimum(away, 1)) * (1 + np.float32(EYEBALL.lit) * np.clip(y, -1, 1))
+        iris += pupil * (np.minimum(iris, np.float32(EYEBALL.black)) - iris)
+        seen = 1 + share * (iris - 1)
         left, up, width = EYEBALL.reflection
+        up = max(up, lid / self._irises.radius + 2 * width)
         gleam = np.exp(-((x - left) ** 2 + (y - up) ** 2) / (2 * width**2))
         return np.asarray((seen + gleam * (EYEBALL.reflected - seen)).T, np.float32)
 
