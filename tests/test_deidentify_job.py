@@ -25,17 +25,21 @@ from guise.aam.recognition import MIN_SAME_PERSON_SIMILARITY, cosine_similarity
 from guise.aam.tracker_training import TrackerOptions
 from guise.app.deidentify.options import DeidentifyError, DeidentifyOptions
 from guise.app.deidentify.run import job as module
+from guise.app.deidentify.run import redrawing
 from guise.app.deidentify.run.job import deidentify_file
 from guise.app.deidentify.stages import case, people
 from guise.app.deidentify.stages.case import KEPT
+from guise.app.deidentify.stages.case import Case as WorkCase
 from guise.app.deidentify.stages.jobs import Job, perform
 from guise.app.deidentify.stages.render import SegmentRenderer
 from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
 from guise.app.deidentify.tracks import FileReport
-from guise.app.media import EncodeOptions, Frame, MediaError, segments
+from guise.app.media import EncodeOptions, Frame, MediaError, open_input, segments
+from guise.app.media.pictures import save_picture
 from guise.app.media.problems import ProblemLog
 from guise.app.people.found import people_in_photo
 from guise.app.swapping.donors import open_donor
+from guise.common.arrays import U8
 
 pytestmark = pytest.mark.slow
 
@@ -88,6 +92,12 @@ def run(source: Path, output: Path, options: DeidentifyOptions = QUICK, **more: 
     return deidentify_file(
         source, output, options, engine, progress=lambda stage, share: None, say=lambda text: None, **more
     )  # type: ignore[arg-type]
+
+
+def first_of(source: Path) -> U8:
+    """The first frame (h, w, 3)."""
+    with open_input(source) as media:
+        return next(iter(media)).rgb()
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -331,8 +341,6 @@ def joined(path: Path, *pieces: tuple[str, int]) -> Path:
     """A clip of pieces, each the first frames of a sample person's, or of an empty room."""
     from fractions import Fraction
 
-    from guise.app.media import open_input
-
     with av.open(str(path), "w") as out:
         stream = out.add_stream("libx264", 30, {"crf": "12", "preset": "ultrafast"})
         stream.width, stream.height, stream.pix_fmt = 640, 480, "yuv420p"
@@ -396,36 +404,48 @@ def test_without_faces_everything_stays(tmp_path: Path) -> None:
 
 
 def test_a_picture_shows_another_face(clip: Path, tmp_path: Path) -> None:
-    from guise.app.media import open_input
-    from guise.app.media.pictures import save_picture
-
-    with open_input(clip) as source:
-        rgb = next(iter(source)).rgb()
+    rgb = first_of(clip)
     save_picture(tmp_path / "one.png", rgb)
     report = run(tmp_path / "one.png", tmp_path / "out.png", replace(QUICK, donor="p03"))
     assert report is not None
     assert report.counts["swapped"] == 1
     assert not report.unclear
-    with open_input(tmp_path / "out.png") as made:
-        drawn = next(iter(made))
-    (own,), (other,) = (people_in_photo(frame).people for frame in (Frame.from_rgb(rgb), drawn))
+    pairs = (people_in_photo(Frame.from_rgb(one)).people for one in (rgb, first_of(tmp_path / "out.png")))
+    (own,), (other,) = pairs
     assert cosine_similarity(own.signature, other.signature) < MIN_SAME_PERSON_SIMILARITY
 
 
-def test_a_small_face_in_a_picture_is_covered(clip: Path, tmp_path: Path) -> None:
-    from guise.app.media import open_input
-    from guise.app.media.pictures import save_picture
+@pytest.mark.parametrize(
+    ("alike", "drawn", "shown"), [((0.5, 0.1), 2, 1), ((0.5, 0.9, 0.8, 0.7), 5, 1), ((0.9,), 5, 0)]
+)
+def test_who_is_still_recognised_gets_another_face_or_the_best_or_a_cover(
+    alike: tuple[float, ...], drawn: int, shown: int, clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    save_picture(tmp_path / "one.png", first_of(clip))
+    donors: list[str] = []
 
-    with open_input(clip) as source:
-        rgb = next(iter(source)).rgb()
+    def likeness(sums: object) -> dict[int, float]:
+        donors.append(WorkCase(WorkFolder(tmp_path / "out.png.work")).tracks[0].donor)
+        first = donors.index(donors[-1])
+        return {1: alike[min(first, len(alike) - 1)] if donors[-1] else 0.0}
+
+    monkeypatch.setattr(redrawing, "likeness", likeness)
+    report = run(tmp_path / "one.png", tmp_path / "out.png")
+    assert report is not None
+    assert (len(donors), report.counts["swapped"]) == (drawn, shown)
+    assert report.tracks[0].donor == ("" if not shown else donors[alike.index(min(alike))])
+    assert [one.reason for one in report.covers] == (["still recognised"] if not shown else [])
+
+
+def test_a_small_face_in_a_picture_is_covered(clip: Path, tmp_path: Path) -> None:
+    rgb = first_of(clip)
     factor = 30 / people_in_photo(Frame.from_rgb(rgb)).people[0].width
     small = cv2.resize(rgb, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     save_picture(tmp_path / "one.png", cv2.copyMakeBorder(small, 0, 200, 0, 200, cv2.BORDER_REPLICATE))
     report = run(tmp_path / "one.png", tmp_path / "out.png")
     assert report is not None
     assert report.counts["covered"] == 1
-    with open_input(tmp_path / "out.png") as made:
-        assert len(FaceDetector(min_score=0.5).detect(next(iter(made)).rgb())) == 0
+    assert len(FaceDetector(min_score=0.5).detect(first_of(tmp_path / "out.png"))) == 0
 
 
 def test_a_video_gives_an_animation_where_that_is_asked_for(clip: Path, tmp_path: Path) -> None:
@@ -440,9 +460,6 @@ def test_a_video_gives_an_animation_where_that_is_asked_for(clip: Path, tmp_path
 
 
 def test_a_folder_of_pictures_gives_a_folder_of_pictures(clip: Path, tmp_path: Path) -> None:
-    from guise.app.media import open_input
-    from guise.app.media.pictures import save_picture
-
     folder = tmp_path / "in"
     folder.mkdir()
     with open_input(clip) as source:

@@ -287,6 +287,14 @@ def test_people_keep_their_donors_from_video_to_video(key: KeyFile) -> None:
     assert [entry.donor for entry in KeyFile.open(key.path).people] == [first[1], first[2], second[1]]
 
 
+def test_who_may_not_keep_a_donor_gets_another_for_good(key: KeyFile) -> None:
+    face = signature(Identity.load(model_file("p01")))
+    refused = key.assign({1: face}, "auto", salt="a")[1]
+    other = key.assign({1: face}, "auto", salt="a", taken=[refused])[1]
+    assert other != refused
+    assert KeyFile.open(key.path).assign({1: face}, "auto", salt="b") == {1: other}
+
+
 def test_the_key_files_seed_chooses(key: KeyFile, tmp_path: Path) -> None:
     others = [KeyFile.open(tmp_path / f"{k}.key") for k in range(12)]
     assert len({other.assign({1: None}, "auto", salt="a")[1] for other in others}) > 2

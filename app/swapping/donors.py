@@ -382,18 +382,25 @@ class KeyFile:
             return self._remembered(name, donor, signature(identity))
 
     def assign(
-        self, people: Mapping[int, F32 | None], donor: str, *, own: Sequence[Path] = (), salt: str
+        self, people: Mapping[int, F32 | None], donor: str, *, own: Sequence[Path] = (), salt: str,
+        taken: Collection[str] = (),
     ) -> dict[int, str]:  # fmt: skip
         """As `assign`: known people keep their donors, the others get donors that nobody in the file has yet.
 
         people : the signature (64,) of each person of a video, or None; those who have one are remembered.
+        taken : donors that these people should not get; who has one gets another for good.
         """
         faces = {person: face for person, face in people.items() if face is not None}
         with _locked(self.path):
             self.seed, self.people = _read_key(self.path)
+            if taken:
+                refused = [self._like(face) for face in faces.values()]
+                kept = [one for one in self.people if one not in refused or one.donor not in taken]
+                _write_key(self.path, self.seed, tuple(kept))
+                self.people = tuple(kept)
             found = {person: self._like(face) for person, face in faces.items()}
             known = {person: entry.donor for person, entry in found.items() if entry is not None}
-            taken = {entry.donor for entry in self.people}
+            taken = {*taken, *(entry.donor for entry in self.people)}
             donors = assign(list(people), donor, own=own, seed=self.seed, salt=salt, known=known, taken=taken)
             for person in faces.keys() - known.keys():
                 self._remembered("", donors[person], faces[person])

@@ -21,6 +21,7 @@ from guise.app.deidentify.run.planning import (
     propose_tracks,
     things,
 )
+from guise.app.deidentify.run.redrawing import redrawn
 from guise.app.deidentify.run.results import beside, report_of, write_reports, write_review
 from guise.app.deidentify.stages.case import PLACES, Case, track_json
 from guise.app.deidentify.stages.jobs import Job, result_of
@@ -86,7 +87,7 @@ def deidentify_file(
     stages.plan(edited if edited.exists() or tracks else None)
     if options.region == "face" and any(track.action == "swap" for track in stages.case.tracks):
         say(f"{input.name}: {PROPOSAL}")
-    stages.render()
+    stages.render(say)
     _require_unchanged(stages.case)
     publish(stages.case, output, force=force)
     report = report_of(stages.case, names or (input.name, output.name), output, time.perf_counter() - start)
@@ -231,9 +232,12 @@ class _Stages:
         if not case.work.has("plan.npz"):
             case.work.save_arrays("plan.npz", **plan_faces(case, case.tracks))
 
-    def render(self) -> None:
-        """All segments of the output."""
+    def render(self, say: Say) -> None:
+        """All segments of the output, again while somebody is still recognised in them."""
         self._map("render", len(self.case.scan.segments))
+        while redrawn(self.case, say):
+            self.case = Case(self.case.work)
+            self._map("render", len(self.case.scan.segments))
 
     def _once(self, name: str, make: Callable[[], Any]) -> None:
         if not self.case.work.has(name):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,8 @@ from guise.app.deidentify.covers import (
     GAP,
     NO_REASON,
     NOT_ENROLLED,
+    REASONS,
+    RECOGNISED,
     THING,
     UNSURE_FIT,
     CoverSpan,
@@ -163,7 +165,7 @@ def chosen_tracks(case: Case, edited: Path | None) -> list[Track]:
         tracks = list(read_tracks(edited, tracks, case.manifest["fingerprint"]))
     tracks += _renumbered(tracks, proposed[count:])
     origins = {t.number: t.origin for t in tracks}
-    donors = _donors(
+    donors = donors_of(
         case, {t.person: origins[t.person] for t in tracks if t.action == "swap" and not t.donor}
     )
     return [replace(t, donor=t.donor or donors[t.person] if t.action == "swap" else "") for t in tracks]
@@ -193,16 +195,23 @@ def covers_without_track(case: Case) -> list[CoverSpan]:
     return covers_of(rows)
 
 
-def _donors(case: Case, people: Mapping[int, int]) -> dict[int, str]:
-    """The donor of each person, given with the track that they are called by; with a key file, the one of before."""
+def donors_of(case: Case, people: Mapping[int, int], taken: Collection[str] = ()) -> dict[int, str]:
+    """The donor of each person, given with the track that they are called by; with a key file, the one of before.
+
+    taken : donors that they should not get.
+    """
     options, salt = case.options, case.manifest["name"]
     if options.keyfile is None:
-        return assign(list(people), options.donor, own=options.gallery, seed=options.seed, salt=salt)
+        return assign(
+            list(people), options.donor, own=options.gallery, seed=options.seed, salt=salt, taken=taken
+        )
     faces = {
         person: signature(case.model_of(track)) if case.has_model(track) else None
         for person, track in people.items()
     }
-    return KeyFile.open(options.keyfile).assign(faces, options.donor, own=options.gallery, salt=salt)
+    return KeyFile.open(options.keyfile).assign(
+        faces, options.donor, own=options.gallery, salt=salt, taken=taken
+    )
 
 
 def plan_faces(case: Case, tracks: Sequence[Track]) -> dict[str, NDArray[Any]]:
@@ -234,7 +243,8 @@ def _rows(case: Case, whole: LinkedTrack, track: Track) -> dict[str, NDArray[Any
     unseen = np.where((d.frames < whole.first) | (d.frames > whole.last), EDGE, GAP)
     why = np.where(d.growth > 1, unseen, UNSURE_FIT)  # what is seen has not grown
     if track.action == "cover":
-        why = np.full(len(mine), CHOSEN if track.proposed == "swap" else NOT_ENROLLED)
+        proposed = RECOGNISED if track.reason == REASONS[RECOGNISED] else NOT_ENROLLED
+        why = np.full(len(mine), CHOSEN if track.proposed == "swap" else proposed)
     columns = {
         "track": np.full(len(mine), track.number), "frame": d.frames, "done": d.done, "box": d.boxes, "turn": d.turns,
         "growth": d.growth, "confidence": d.confidence, "reason": np.where(d.done == COVERED, why, NO_REASON),

@@ -19,6 +19,7 @@ from guise.aam.landmarks.heads import region
 from guise.aam.model import Identity
 from guise.aam.parsing import HeadParser
 from guise.app.deidentify.covers import rows_from
+from guise.app.deidentify.stages.alike import Signatures
 from guise.app.deidentify.stages.audit import Audit, AuditDetection
 from guise.app.deidentify.stages.case import KEPT, Case, LinkedTrack
 from guise.app.deidentify.stages.fit import Fits
@@ -175,6 +176,7 @@ def render(case: Case, segment: int) -> None:
             judged = judged_places(case, covered, last - first)
             segment_renderer.entries = entries()
             segment_renderer.things = [*known_things(case), *judged.things]
+            segment_renderer.signatures = Signatures()
             _encode(case, media, segment, segment_renderer)
             result, drawn = read_piece(case, segment), segment_renderer.drawn
             detections = _worked_on(case, audit.after(result, segment_renderer.treated, drawn))
@@ -196,6 +198,7 @@ def render(case: Case, segment: int) -> None:
         {
             "audit": findings,
             "unclear": unclear,
+            "signatures": segment_renderer.signatures.as_json(),
             "searched": audit.searched,
             "renderer": renderer,
             "problems": problems,

@@ -19,6 +19,7 @@ from guise.aam.parsing import HeadParser
 from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
 from guise.app.deidentify.covers import FOUND, NOT_DRAWN, THING, TURNED, numbered
+from guise.app.deidentify.stages.alike import Signatures, signature_in
 from guise.app.deidentify.stages.audit import AuditDetection, DrawnFace, share_within
 from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.gaps import Gaps
@@ -86,6 +87,7 @@ class SegmentRenderer(Closing):
         ] = {}  # by frame, `entries` with what was decided by the picture
         self._last = {e.who: frame for frame in sorted(entries) for e in entries[frame] if e.done == SWAPPED}
         self.drawn: dict[int, list[DrawnFace]] = defaultdict(list)  # by frame
+        self.signatures = Signatures()
         self.done: dict[int, list[FaceTreatment]] = {}  # by frame, as `entries`, but as it is in the picture
 
     def draw(self, frame: Frame) -> None:
@@ -106,14 +108,26 @@ class SegmentRenderer(Closing):
         fits: dict[int, Fit | Failed] = {
             who: Fit(shape, np.zeros(0), 0.0, 1.0) for who, shape in known.items()
         }
+        seen = self._signatures(frame, known)
         rows = self._session.treat(frame, entries, fits, after)
         self.done[frame.index] = as_drawn(entries, rows)
+        left = {one.who: known[one.who] for one in self.done[frame.index] if one.done == SWAPPED}
+        for who, signature in self._signatures(
+            frame, {who: left[who] for who in seen if who in left}
+        ).items():
+            self.signatures.add(self._tracks[who].person, seen[who], signature)
         for who in shapes:
             if frame.index == self._last[who]:
                 self._release(who)
         if self._case.options.label:
             self._label = self._label or Label(frame.width, frame.height)
             self._label.draw(frame)
+
+    def _signatures(self, frame: Frame, shapes: dict[int, F64]) -> dict[int, F32]:
+        """By track, the signatures of faces that are due in a frame as it is now."""
+        people = {who: self._tracks[who].person for who in shapes}
+        due = [who for who, person in people.items() if self.signatures.is_due(frame, person)]
+        return {who: signature_in(frame, shapes[who]) for who in due}
 
     def _seen(self, frame: Frame, one: FaceTreatment) -> FaceTreatment:
         """What is to be done with a face in a frame; a thing is left where nobody is before it."""
