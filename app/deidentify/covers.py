@@ -25,23 +25,11 @@ COLUMNS: dict[str, type[np.generic]] = {
 # Why a face is covered; "" of one that is not.
 REASONS = (
     "", "your choice", "not enrolled", "unsure fit", "gap", "before or after", "bystander", "found by the audit",
-    "turned too far", "could not be drawn", "taken for a thing",
-    "still recognised",
+    "turned too far", "could not be drawn", "taken for a thing", "still recognised",
 )  # fmt: skip
-(
-    NO_REASON,
-    CHOSEN,
-    NOT_ENROLLED,
-    UNSURE_FIT,
-    GAP,
-    EDGE,
-    BYSTANDER,
-    FOUND,
-    TURNED,
-    NOT_DRAWN,
-    THING,
-    RECOGNISED,
-) = range(len(REASONS))
+NO_REASON, CHOSEN, NOT_ENROLLED, UNSURE_FIT, GAP, EDGE, BYSTANDER, FOUND, TURNED, NOT_DRAWN, THING, RECOGNISED = (
+    range(len(REASONS))
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
