@@ -117,6 +117,20 @@ class Gap:
         body = (head.head > LIMITS.head_share) & ~grown
         return cls(grown[part], body[part], head.corner + np.array([x, y]) / head.scale, head.scale)
 
+    def with_parts(self, cells: Bool, body: Bool, corner: F64, scale: float) -> Gap:
+        """The same with other cells and more of the body, (h, w) of a picture smaller by a scale, from a corner."""
+        low = np.minimum(self.corner, corner)
+        at = np.ceil((self.corner - low) * self.scale).astype(int)
+        low = self.corner - at / self.scale
+        high = np.maximum(self.corners[1], corner + np.array(cells.shape[::-1]) / scale)
+        w, h = np.ceil((high - low) * self.scale).astype(int)
+        to_cells = np.column_stack([np.eye(2) * self.scale / scale, (corner - low) * self.scale])
+        parts = np.dstack([cells, body]).astype(np.float32)
+        more = cv2.warpAffine(parts, to_cells, (int(w), int(h)), flags=cv2.INTER_LINEAR) > 0.1
+        part = np.s_[at[1] : at[1] + self.cells.shape[0], at[0] : at[0] + self.cells.shape[1]]
+        more[part] |= np.dstack([self.cells, self.body])
+        return Gap(more[..., 0], more[..., 1] & ~more[..., 0], low, self.scale)
+
     @property
     def corners(self) -> F64:
         """(2, 2) the first and last corner of the part in the picture."""

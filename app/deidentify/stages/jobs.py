@@ -25,7 +25,8 @@ from guise.app.deidentify.stages.case import KEPT, Case, LinkedTrack
 from guise.app.deidentify.stages.fit import Fits
 from guise.app.deidentify.stages.gaps import Gaps, packed, steadied
 from guise.app.deidentify.stages.head import knows_head
-from guise.app.deidentify.stages.head_matte import Gap, find_head
+from guise.app.deidentify.stages.head_matte import find_head
+from guise.app.deidentify.stages.loose import gap_of
 from guise.app.deidentify.stages.people import enrol
 from guise.app.deidentify.stages.pieces import open_piece, read_piece
 from guise.app.deidentify.stages.render import (
@@ -115,7 +116,7 @@ def fit(case: Case, segment: int) -> None:
                     if parser is not None and placed.confidence:
                         head = find_head(parser, frame, placed.shape)
                         if knows_head(head, placed.shape):
-                            gaps[track.number, frame.index] = Gap.of(head)
+                            gaps[track.number, frame.index] = gap_of(frame, placed.shape, head)
                         else:
                             placed = LocatedFace(placed.shape, 0.0)
                     rows.append((track.number, frame.index, placed))

@@ -22,6 +22,7 @@ class NeckLimits:
     seam: float = 0.14  # below the jaw, where the two skins are compared
     along: float = 0.12  # standard deviation of the ratio's smoothing
     down: float = 0.45  # over which it fades
+    edge: float = 0.1  # of what is looked at, over which it fades, too
     reach: float = 0.9  # below the jaw, where all is as it was
     sampled_pixels: float = 64.0  # width of the face at which the ratio is worked out
     min_red: float = 0.06  # log ratio of red to green that skin has at least
@@ -74,6 +75,10 @@ def necked(own: U8, head: U8, share: F32, mesh: F64) -> U8:
     field = (near + 0.02 * mean) / (total[..., None] + 0.02)
     field *= np.exp(-np.square(away / LIMITS.down))[..., None]
     field *= np.clip((LIMITS.reach - 0.05 - away) / LIMITS.down, 0, 1)[..., None]
+    border = np.ones(np.add(size[::-1], 2), np.uint8)
+    border[[0, -1]], border[:, [0, -1]] = 0, 0
+    inside = cv2.distanceTransform(border, cv2.DIST_L2, 3)[1:-1, 1:-1] / (LIMITS.edge * width * scale)
+    field *= np.clip(inside, 0, 1)[..., None]
     whole = cv2.resize(field.astype(np.float32), (x1 - x0, y1 - y0), interpolation=cv2.INTER_LINEAR)
     there = own[part].astype(np.float32)
     skin = cv2.GaussianBlur(_like(np.log(there + 2), like), (0, 0), max(0.6, 0.004 * width))

@@ -27,6 +27,7 @@ from guise.app.deidentify.stages.head import Behind, HeadPainter, Plate
 from guise.app.deidentify.stages.head_matte import Gap, find_head
 from guise.app.deidentify.stages.head_still import HeadStill
 from guise.app.deidentify.stages.label import Label
+from guise.app.deidentify.stages.loose import gap_of
 from guise.app.deidentify.stages.plate import plate_of
 from guise.app.deidentify.stages.smooth import FILTER_CONTEXT_FRAMES, smooth
 from guise.app.deidentify.stages.things import Thing, known_things
@@ -160,7 +161,7 @@ class SegmentRenderer(Closing):
     def _gap(self, frame: Frame, track: Track, shape: F64) -> Gap:
         """What the head of a track leaves; found now if another region was to be replaced, as before a review."""
         kept = self._gaps.get((track.origin, frame.index))
-        return kept or Gap.of(find_head(HeadParser(), frame, shape))
+        return kept or gap_of(frame, shape, find_head(HeadParser(), frame, shape))
 
     def _head(self, track: Track) -> HeadPainter:
         if track.number not in self._heads:
