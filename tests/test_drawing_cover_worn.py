@@ -56,7 +56,9 @@ def test_glasses_are_worn_before_both_eyes(
     assert (left is not None and left.min() < 0.1) == worn
 
 
-@pytest.mark.parametrize(("look", "kept"), [(SWAP, True), (DISGUISE, False)])
+@pytest.mark.parametrize(
+    ("look", "kept"), [(SWAP, True), (DISGUISE, False), (replace(DISGUISE, own_glasses=True), True)]
+)
 def test_rims_stay_in_front_of_the_drawn_face(
     scene: Scene, look: Look, kept: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

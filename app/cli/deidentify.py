@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 WORK = "guise-work"
 OPTIONS = (
-    "donor", "gallery", "cover", "cover_strength", "region", "alpha", "renderer", "seed", "keyfile", "audio",
-    "keep_metadata", "label", "audit", "detector", "start", "end", "outside",
+    "donor", "gallery", "cover", "cover_strength", "region", "own_glasses", "alpha", "renderer", "seed", "keyfile",
+    "audio", "keep_metadata", "label", "audit", "detector", "start", "end", "outside",
 )  # fmt: skip
 
 

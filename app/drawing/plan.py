@@ -32,6 +32,7 @@ from guise.app.drawing.donor import Donor
 from guise.app.drawing.face import BROW_REACH, FEATHER, FaceInFrame
 from guise.app.drawing.look import Kind, Look
 from guise.app.drawing.memory import Memory
+from guise.app.drawing.passes.arms import cover_arms
 from guise.app.drawing.passes.blend import Blend
 from guise.app.drawing.passes.brows import DrawnBrows, HeadBrows
 from guise.app.drawing.passes.cover import Cover, DonorGlasses, shown_mask
@@ -159,6 +160,7 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look, *, shows_skin: bool =
         person.estimator.sampler,
         only_objects=look.in_front != "all",
         keeps_hair=look.in_front == "hair",
+        keeps_glasses=look.own_glasses,
         beyond=hairline.forehead.added if hairline else None,
         watches_eyes=look.eyes != "donor",
         beard=own_beard,
@@ -176,12 +178,13 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look, *, shows_skin: bool =
     drawn_brows = DrawnBrows(reference)
     alpha = _alpha(reference, FEATHER if shows_skin else NARROW_FEATHER, beards)
     blend, rest = Blend(relief, alpha, look.renderer), texture.transfer.source
+    arms = () if shows_skin or look.own_glasses else (cover_arms,)
     looks = (Gaze(irises.source, person.at_rest).follow,) if irises else ()
     glasses = _glasses(donor, texture.transfer, reference) if look.glasses == "keep" else ()
     seeing = _seeing(texture, cover, silhouette, person)
     placing = (
         place.lay, *looks, *eyeballs, light.measure, cover.share, *((place.pull_jaw,) if look.outline > 0 else ()),
-        silhouette.share, enlargement.choose, blend.spread, blend.begin,
+        *arms, silhouette.share, enlargement.choose, blend.spread, blend.begin,
     )  # fmt: skip
     drawing = (
         cover.rims, folds.find, light.apply, blend.scatter, *((hairline.draw,) if hairline else ()),

@@ -38,7 +38,7 @@ class HideOptions(WriteOptions, RangeOptions, WatchOptions, total=False):
     gallery : faces to choose from, instead of all fictional ones.
     cover : how a face that is not swapped is covered: "solid", "mosaic", "blur", "emoji" or "image:FILE"; how much
         mosaic and blur hide is cover_strength, 1 to 5.
-    region : "head" replaces hair, ears and outline as well.
+    region : "head" replaces hair, ears and outline as well.   own_glasses : "keep" leaves the person's.
     alpha : share in [0, 1] of the expression outside the identity's own range.   seed : of the choice of faces.
     keyfile : where people and their faces are remembered, so that they get the same ones in other files.
     audio : "mask" lowers voices, "disguise" makes them whisper.   keep_metadata, label : see `guise deidentify`.
@@ -53,6 +53,7 @@ class HideOptions(WriteOptions, RangeOptions, WatchOptions, total=False):
     cover: str
     cover_strength: int
     region: Literal["face", "head"]
+    own_glasses: Literal["remove", "keep"]
     alpha: float
     renderer: Literal["auto", "gl", "cpu"]
     seed: int

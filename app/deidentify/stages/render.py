@@ -180,7 +180,13 @@ class SegmentRenderer(Closing):
             self._case.model_of(track.origin),
             Donor.of(open_donor(track.donor)),
             None,
-            replace(look, alpha=options.alpha, renderer=options.renderer, hold_seconds=0.0),
+            replace(
+                look,
+                alpha=options.alpha,
+                renderer=options.renderer,
+                hold_seconds=0.0,
+                own_glasses=options.own_glasses == "keep",
+            ),
         )
 
     def _release(self, track: int) -> None:

@@ -99,12 +99,8 @@ class OcclusionLimits:
 
 
 LIMITS = OcclusionLimits()
-KINDS = (
-    (FaceClass.OCCLUDER, LIMITS.object_share),
-    (FaceClass.HAIR, LIMITS.hair_share),
-    (FaceClass.GLASSES, LIMITS.frame_share),
-    (FaceClass.GLASSES, LIMITS.lens_share),
-)
+GLASSES = (FaceClass.GLASSES, LIMITS.frame_share), (FaceClass.GLASSES, LIMITS.lens_share)
+KINDS = (FaceClass.OCCLUDER, LIMITS.object_share), (FaceClass.HAIR, LIMITS.hair_share), *GLASSES
 SURE_KINDS = (
     (FaceClass.OCCLUDER, LIMITS.object_share),
     (FaceClass.OCCLUDER, LIMITS.sure_object_share),
@@ -122,7 +118,7 @@ class Cover:
     reference : ReferenceFrame.
     texels : sampler of the places at which light and expression are measured.
     only_objects : hair, glasses and whatever lies wholly within the face don't stay in front;
-    keeps_hair : but hair that reaches in does.
+    keeps_hair, keeps_glasses : but hair that reaches in does, and glasses do.
     beyond : (h, w) share in [0, 1] by which what is drawn lies beyond the person's own face: no background there is
         drawn over.
     watches_eyes : whether a frame in which the eyes move is parsed.
@@ -131,17 +127,18 @@ class Cover:
 
     def __init__(
         self, reference: ReferenceFrame, texels: MeshSampler, *, only_objects: bool = False, keeps_hair: bool = False,
-        beyond: F32 | None = None, watches_eyes: bool = True, beard: F32 | None = None,
+        keeps_glasses: bool = False, beyond: F32 | None = None, watches_eyes: bool = True, beard: F32 | None = None,
     ) -> None:  # fmt: skip
         self._reference = reference
         self._only_objects, self._keeps_hair = only_objects, keeps_hair
-        self._kinds = SURE_KINDS if only_objects else KINDS
+        self._keeps_glasses = keeps_glasses or not only_objects
+        self._kinds = (*SURE_KINDS, *(GLASSES if keeps_glasses else ())) if only_objects else KINDS
         self._parser = FaceParser()
         self._cells = _Cells(reference, beyond, beard)
         x, y = np.round(texels.positions(reference.points)).astype(int).T
         in_eyes = (np.flatnonzero(soft_parts(reference, (eye,), 0.0)[y, x] > 0.5) for eye in EYES)
         self._in_eyes = [some for some in in_eyes if watches_eyes and len(some)]
-        self._rims = None if only_objects else RimFinder()
+        self._rims = RimFinder() if self._keeps_glasses else None
         self._rim_places: dict[int, tuple[slice, MeshSampler, F32]] = {}
 
     def look(self, face: FaceInFrame, memory: Memory) -> None:
@@ -203,9 +200,11 @@ class Cover:
         layers = seen.layers.at(places).T
         worn = np.zeros_like(layers[0])
         if self._only_objects:
-            hidden, is_moving = cells.reaching_in(*layers[1:])
+            hidden, is_moving = cells.reaching_in(layers[1], layers[2], layers[-1])
             if self._keeps_hair:
                 worn = cells.hair_reaching_in(layers[2])
+            if self._keeps_glasses:
+                worn = np.maximum(worn, cells.glasses(*layers[3:5]))
             if (is_moving or worn.any()) and _is_behind_lines(face.frame, face.head):
                 hidden, worn = 0 * hidden, worn * (0 if cells.beyond is None else cells.beyond)
         else:
@@ -311,9 +310,11 @@ class _Cells:
 
     def in_front(self, thing: F32, hair: F32, frame: F32, lens: F32) -> tuple[F32, F32]:
         """Shares (n,) of the cells that objects hide, and that hair and glasses do."""
-        of_hair, of_frames = self._weights
-        glasses = self._on_both_sides(np.maximum(frame * of_frames, lens))
-        return thing, np.maximum(hair * of_hair, glasses)
+        return thing, np.maximum(hair * self._weights[0], self.glasses(frame, lens))
+
+    def glasses(self, frame: F32, lens: F32) -> F32:
+        """Share (n,) of the cells that glasses hide: their frames beside the eyes, or lenses."""
+        return self._on_both_sides(np.maximum(frame * self._weights[1], lens))
 
     def hair_reaching_in(self, hair: F32) -> F32:
         """Share (n,) of the cells that hair (n,) hides which reaches over the rim of the face, above the mouth."""
