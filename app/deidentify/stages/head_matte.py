@@ -108,7 +108,7 @@ class Gap:
     def of(cls, head: FoundHead) -> Gap:
         """The head and its hair, and a little around them; its neck stays."""
         hair = head.hair > LIMITS.sure_hair
-        neck = head.places.below_jaw & ~hair
+        neck = head.places.neck & ~hair
         cells = (head.mask | (hair & head.places.low)) & ~neck
         side = 2 * round(LIMITS.growth * head.places.width) + 1
         grown = (cv2.dilate(cells.astype(np.uint8), np.ones((side, side), np.uint8)) > 0) & ~neck
@@ -278,6 +278,11 @@ class HeadPlaces:
         _, labels = cv2.connectedComponents(solid)
         x, y = np.clip(np.round(self._middle), 0, np.array(found.shape[::-1]) - 1).astype(int)
         return np.asarray((labels == labels[y, x]) & (solid > 0))
+
+    @property
+    def neck(self) -> Bool:
+        """(h, w) where a neck can be: below the jaw, no earlobe beside it."""
+        return np.asarray(self.below_jaw & (self._below_chin > -LIMITS.beside))
 
     def ends(self, hair: F32) -> F32:
         """(h, w) share that is left where the head ends: at the neck, and at the ends of long hair."""
