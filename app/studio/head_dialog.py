@@ -76,6 +76,7 @@ class HeadDialog:
         """Show the dialog."""
         with ui.context.client.content:
             self.dialog = ui.dialog().props("maximized")
+        self.dialog.props["aria-label"] = title
         with self.dialog, ui.card().classes("w-full"), ui.element("div").classes("desk"):
             self._build_scene()
             with ui.column().classes("w-full"):

@@ -20,10 +20,8 @@ from guise.common.files import write_whole
 NODES = ("head", "leftEye", "rightEye")  # in the order of a message's rotations
 BACKWARDS = [0.0, 1.0, 0.0, 0.0]  # half a turn about the height, x y z w
 MOVED_SHARE = 0.05  # of the farthest way of a vertex, from which on it belongs to the face
-HEAD_FACES, RISE = (
-    1.6,
-    0.1,
-)  # in heights of what moves in a face: height of a head, and its middle above that one's
+HEAD_FACES = 1.45  # heights of what moves in a face, of a head
+RISE_FACES = 0.1  # the same, of a head's middle above that of what moves
 
 
 def _check_rig(path: Path, preview: Path) -> None:
@@ -67,7 +65,7 @@ class DrawnRig:
         write_whole(file, held.to_glb())
         low, high = _face(held, head)
         face = float(high[1] - low[1])
-        return cls(head, file, (low + high) / 2 + (0, RISE * face, 0), HEAD_FACES * face)
+        return cls(head, file, (low + high) / 2 + (0, RISE_FACES * face, 0), HEAD_FACES * face)
 
     def place(self, scene: ui.scene, url: str, *, mirror: bool) -> str:
         """Put it into a scene, maybe as in a mirror; its id there."""

@@ -14,7 +14,7 @@ const guiseRig = {
   // Has a scene drawn only when something has changed: its own loop would draw a head at rest all the time.
   rest(scene) {
     const { renderer, controls } = getElement(scene), draw = renderer.render.bind(renderer);
-    renderer.render = (...what) => { if (this.drawings-- > 0) draw(...what); };
+    renderer.render = (...what) => { if (this.drawings > 0) { this.drawings--; draw(...what); } };
     controls.addEventListener("change", () => this.change());
     new ResizeObserver(() => this.change()).observe(renderer.domElement);
     this.change();
@@ -62,7 +62,7 @@ const guiseRig = {
       if (centre) part.position.copy(centre).applyQuaternion(part.quaternion).negate().add(centre);
     }
     this.meters?.forEach((meter, k) => { meter.value = values[k]; });
-    this.change();
+    this.drawings = Math.max(this.drawings, 1);
   },
 
   follow(video, seconds) {
