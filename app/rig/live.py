@@ -104,14 +104,14 @@ class CurveOutput(Output):
 class RigProcessor:
     """Finds coefficients, and calibrates when asked: a `guise.app.live.pipeline.FrameProcessor`.
 
-    controls : the user's wishes.   keep : called with each calibration.
+    controls : the user's wishes.   keep : called with each calibration.   smooth : over the frames so far.
     """
 
     def __init__(
         self, calibration: RigCalibration | None, controls: RigControls, keep: Callable[[RigCalibration], None],
-        say: Say = mute,
+        say: Say = mute, *, smooth: bool = True,
     ) -> None:  # fmt: skip
-        self.calibration, self.follower = calibration, RigFollower(calibration)
+        self.calibration, self.follower = calibration, RigFollower(calibration, smooth=smooth)
         self._controls, self._keep, self._say = controls, keep, say
         self._asking: AskedCalibration | None = None
         self._message, self._until = "", -math.inf

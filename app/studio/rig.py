@@ -180,7 +180,7 @@ class _RigPage(CameraPage[RigRun]):
         camera = peer.camera if clip is None else partial(FileCapture, clip.path, paced=False)
         outputs = [CoefficientOutput(peer, clip=clip is not None), self._vmc]
         return RigRun(
-            camera, self._calibration, self._controls, self._keep, outputs, peer.alive, recording=clip is not None
+            camera, self._calibration, self._controls, self._keep, outputs, peer.alive, clip=clip is not None
         )  # fmt: skip
 
     def _keep(self, calibration: RigCalibration) -> None:

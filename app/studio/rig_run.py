@@ -70,16 +70,22 @@ class VmcStream(Output):
 
 
 class RigRun(CameraRun):
-    """A run whose curves can be recorded.   calibration, controls, keep : see `RigProcessor`."""
+    """A run whose curves can be recorded.   calibration, controls, keep : see `RigProcessor`.
+
+    clip : it is recorded from the beginning, and smoothed as a whole when it has ended.
+    """
 
     def __init__(
         self, open_capture: Callable[[], Capture], calibration: RigCalibration | None, controls: RigControls,
         keep: Callable[[RigCalibration], None], outputs: Sequence[Output], wanted: Callable[[], bool],
-        *, recording: bool,
+        *, clip: bool,
     ) -> None:  # fmt: skip
-        self._curves = CurveOutput(CurveRecorder() if recording else None)
+        self._clip, self._curves = clip, CurveOutput(CurveRecorder() if clip else None)
         super().__init__(
-            open_capture, lambda: RigProcessor(calibration, controls, keep), [*outputs, self._curves], wanted
+            open_capture,
+            lambda: RigProcessor(calibration, controls, keep, smooth=not clip),
+            [*outputs, self._curves],
+            wanted,
         )
 
     @property
@@ -96,4 +102,6 @@ class RigRun(CameraRun):
     def recorded(self) -> RigCurves | None:
         """End the recording; what was recorded, None for nothing or no face."""
         recorder, self._curves.recorder = self._curves.recorder, None
-        return recorder.curves() if recorder is not None and recorder.with_face else None
+        if recorder is None or not recorder.with_face:
+            return None
+        return recorder.curves(smooth=self._clip)
