@@ -55,13 +55,13 @@ class LidSettings:
     closing_openness: tuple[float, float] = (0.6, 0.3)  # of the source, from which lids are moved, and fully
     max_fold_columns: int = 2  # more of which leave the lids as they are
     half_shut_share: float = 0.85  # of the openness of lids that still show something of the eye
-    shut_share: float = 0.2  # of that of shut lids, which only have thickness, so that none stays open
+    shut_share: float = 0.4  # of that of shut lids, which only have thickness, so that none stays open
     shut_openness: tuple[float, float] = (0.3, 0.15)  # of lids that are no longer half shut, and shut
     max_closing: float = (
         0.25  # mean of the gap at rest by which lids are moved; eyes that need more close less
     )
-    upper_reach_widths: float = 0.2  # of the skin that a margin takes along
-    lower_reach_widths: float = 0.11
+    upper_reach_widths: float = 0.1  # of the skin that a margin takes along
+    lower_reach_widths: float = 0.055
     rounds: int = 4  # of moving margins
     larger_eyes_power: float = 0.63  # of the ratio of gaps, by which motion on larger eyes is scaled
     larger_eyes_reach_widths: tuple[float, float] = (0.7, 1.3)  # from an eye's middle, over which that fades
