@@ -115,6 +115,7 @@ BAD: dict[str, tuple[Callable[[Path], tuple[str, ...]], str]] = {
         lambda at: ("register", HEAD, OTHER, "-o", "x.ply"), ".obj",
     ),
     "a preview of two heads": (lambda at: ("preview", HEAD, OTHER, "-o", "x.png"), "vertices"),
+    "a truth of nothing": (lambda at: ("preview", HEAD, "--truth", OTHER, "-o", "x.png"), "give the result"),
     "a preview that is no picture": (lambda at: ("preview", HEAD, "-o", "x.xyz"), "x.xyz"),
 }  # fmt: skip
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mesh_work import HEAD, OTHER, SMILE, changed, coarse, others, points, run, vertices  # noqa: F401
+from mesh_work import HEAD, OTHER, SMILE, changed, coarse, moved, others, points, run, vertices  # noqa: F401
 
 from guise.analogy.feature_points import FEATURE_POINT_NAMES
 
@@ -105,6 +105,23 @@ def test_previews_are_pictures_and_videos(here: Path, capsys: pytest.CaptureFixt
     assert one.shape != two.shape
     assert one.std() > 10
     assert two.std() > 10
+
+
+def test_an_error_is_drawn_in_the_bands_of_the_paper(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    import cv2
+
+    way = vertices(SMILE) - vertices(HEAD)
+    for name, more in (("off.obj", 1.003), ("far.obj", 1.1)):
+        moved(SMILE, here / name, lambda at, more=more: vertices(HEAD) + more * way)  # type: ignore[misc]
+    shown = {}
+    for made in (SMILE, "off.obj", "far.obj"):
+        call = ("preview", HEAD, made, "--truth", SMILE, "-o", "bands.png", "--force", "--json")
+        code, out, _ = run(capsys, *call)
+        shown[made] = json.loads(out)["error"]["below"], cv2.imread("bands.png")[40:480, 720:].mean((0, 1))
+        assert code == 0
+    assert [below > 0.9 for below, _ in shown.values()] == [True, False, False]
+    assert [int(colour.argmax()) for _, colour in shown.values()] == [1, 0, 0]  # green, blue, and dark violet
+    assert shown["far.obj"][1].mean() < shown["off.obj"][1].mean()
 
 
 def test_a_preview_turns(

@@ -260,13 +260,19 @@ def preview(
             help="Views from several sides, or a turntable video; default: MESH_preview.png beside it.",
         ),
     ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="TRUTH", help="What AFTER should be: draw its error E (Song et al.) in bands of 0.1, 0.5 and 2 %."
+        ),
+    ] = None,
     force: Force = False,
     console: Shown,
 ) -> None:  # fmt: skip
     """Draw a head, or two with the same vertices and the distances between these in colours."""
     from guise.app.meshes.previewing import preview_files
 
-    _run(lambda context: preview_files(head, after, output, context), console, Extra(force=force))
+    _run(lambda context: preview_files(head, after, output, context, truth), console, Extra(force=force))
 
 
 def _run(do: Callable[[RunContext], MeshReport], console: Console, extra: Extra) -> None:

@@ -19,6 +19,7 @@ from guise.analogy.correspondence import Correspondence
 from guise.analogy.feature_points import FEATURE_POINT_NAMES
 from guise.analogy.mesh import Mesh
 from guise.analogy.rigid import rotation_angle
+from guise.analogy.tents import vertex_error
 from guise.app.media import Frame, MediaInput, open_sink
 from guise.common.arrays import F64, U8, Int
 from guise.render.shaded import Camera, Paint, exposure, shaded
@@ -58,6 +59,9 @@ STYLE = PictureStyle()
 
 # From 0 to the maximum: ever darker, so that it also reads in grey; 0 has the colour of clay.
 HEAT = ("#ddd6cd", "#f3d27c", "#f1913f", "#d8434a", "#8a2369", "#2f1650")
+
+# Of the error E (Song et al. 2007, fig. 11: green, blue, red up to 2 %): below what, and a colour; the last is beyond.
+BANDS = ((1e-3, "#3f9a4e"), (5e-3, "#3b6fc4"), (2e-2, "#d8434a"), (np.inf, "#2f1650"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +183,48 @@ def distance_heads(before: Mesh, after: F64, titles: tuple[str, str], points: F6
     ]
 
 
+def draw_bands(neutral: Mesh, truth: F64, made: F64, points: F64 | None) -> Picture:
+    """True and made vertices (N, 3) of a head, and in three bands the error E of Song's appendix, with their shares.
+
+    points : (20, 3) feature points, for a portrait.
+    """
+    view, error = HeadView.of(neutral.vertices, points), vertex_error(neutral.vertices, truth, made)
+    heads = [
+        DrawnHead(at, neutral.faces, title, view)
+        for at, title in zip((truth, made, made), ("truth", "result", "error E"), strict=True)
+    ]
+    known = np.column_stack([np.nan_to_num(error), np.isfinite(error)])
+    heads[2] = replace(heads[2], values=known, paint=_band_colours)
+    picture = draw_strip(heads)
+    return np.concatenate([picture, _band_key(error, picture.shape[1])])
+
+
+def _band_colours(known: F64) -> F64:
+    """Colours (p, 3) sRGB in 0..1 of errors, and of whether the head moves there (p, 2)."""
+    colours = np.stack([_shares(name) for _, name in BANDS])
+    found = colours[np.searchsorted([most for most, _ in BANDS[:-1]], known[:, 0], "right")]
+    return np.where(known[:, 1:] > 0.5, found, _shares(HEAT[0]))
+
+
+def _band_key(error: F64, width: int) -> Picture:
+    """What the colours mean, and the share of the moving vertices (N,) in each band."""
+    out = np.full((STYLE.scale_px, width, 3), STYLE.background, np.uint8)
+    moving = error[np.isfinite(error)]
+    lows = [0.0, *(most for most, _ in BANDS[:-1])]
+    for number, (low, (high, name)) in enumerate(zip(lows, BANDS, strict=True)):
+        inside = float(((moving >= low) & (moving < high)).mean()) if len(moving) else 0.0
+        words = f"from {100 * low:g} %" if number == len(BANDS) - 1 else f"below {100 * high:g} %"
+        left = 24 + number * (width - 48) // len(BANDS)
+        out[24:40, left : left + 16] = np.rint(255 * _shares(name))
+        _draw_text(out, f"{words}: {100 * inside:.1f} %", left + 26, 38, 15)
+    return out
+
+
+def _shares(name: str) -> F64:
+    """(3,) sRGB in 0..1 of a colour such as #ddd6cd."""
+    return np.array([int(name[k : k + 2], 16) / 255 for k in (1, 3, 5)])
+
+
 def coloured_by(head: DrawnHead, values: F64) -> DrawnHead:
     """The head coloured by values (N,) >= 0, from 0 to `round_up` of the largest."""
     most = round_up(float(values.max(initial=0)))
@@ -286,7 +332,7 @@ def scale_bar(values: ArrayLike, unit: str, width: int) -> Picture:
 
 def _heat_colours(shares: F64) -> F64:
     """Colours (p, 3) sRGB in 0..1 for shares (p,) of the maximum."""
-    stops = np.array([[int(name[k : k + 2], 16) / 255 for k in (1, 3, 5)] for name in HEAT])
+    stops = np.stack([_shares(name) for name in HEAT])
     at = np.clip(np.asarray(shares), 0, 1) * (len(stops) - 1)
     return np.stack([np.interp(at, np.arange(len(stops)), stops[:, k]) for k in range(3)], axis=1)
 

@@ -147,6 +147,7 @@ class PreviewReport(MeshReport):
     """The report of `preview`.
 
     before, after : files; after and distances are None for a single head.   output : picture or video.
+    truth : what `after` should be, from which distances are then; `error` is its E.
     """
 
     before: Path
@@ -154,14 +155,21 @@ class PreviewReport(MeshReport):
     output: Path
     distances: Distances | None
     seconds: Mapping[str, float]
+    truth: Path | None = None
+    error: MotionError | None = None
 
     def lines(self) -> list[str]:
         if self.distances is None:
             return [f"written: {self.output}"]
         d = self.distances
+        below = (
+            ""
+            if self.error is None
+            else f"; {self.error.below:.1%} of those that move err by less than 0.1 %"
+        )
         return [
             f"{self.output}: vertices are {d.mean:.4g} apart on average, 95 % less than {d.p95:.4g}, at most "
-            f"{d.largest:.4g}"
+            f"{d.largest:.4g}{below}"
         ]
 
 

@@ -172,13 +172,21 @@ def mesh_landmarks(
 
 @call
 def preview_mesh(
-    head: AnyPath, after: AnyPath | None = None, output: AnyPath | None = None, *, overwrite: bool = False
+    head: AnyPath,
+    after: AnyPath | None = None,
+    output: AnyPath | None = None,
+    *,
+    truth: AnyPath | None = None,
+    overwrite: bool = False,
 ) -> PreviewReport:
-    """Draw a head from several sides or as a turntable video, or two with the same vertices and their distances."""
+    """Draw a head from several sides or as a turntable video, or two with the same vertices and their distances.
+
+    truth : what `after` should be, to draw its error E in three bands (Song et al. 2007, figure 11).
+    """
     from guise.app.meshes.previewing import preview_files
 
     return _run(
-        lambda work: preview_files(Path(head), path_of(after), path_of(output), work),
+        lambda work: preview_files(Path(head), path_of(after), path_of(output), work, path_of(truth)),
         {"overwrite": overwrite},
     )
 
