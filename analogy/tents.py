@@ -189,7 +189,7 @@ class TentTransfer:
         hold = max(1 / reach**2, MIN_HOLD_SHARE * float(system.power(2).sum()) / rings.count)
         self._solve = factorise_least_squares(system, hold)
         asked = sp.csr_array(system.T @ across)
-        self._by_vertices = compact_rows(asked @ tents.edges + hold * sp.eye_array(rings.count))
+        self._by_vertices = compact_rows(asked @ (tents.edges - own.edges))
         self._by_tips = compact_rows(asked @ tents.tips)
         self._tips = tips(source, rings)
 
@@ -203,7 +203,7 @@ class TentTransfer:
             return []
         ways = np.concatenate([expressive - self.source for expressive in expressions], axis=1)
         turned = np.concatenate([tips(each, self.rings) - self._tips for each in expressions], axis=1)
-        moved = self._solve(self._by_vertices @ ways + self._by_tips @ turned)
+        moved = ways + self._solve(self._by_vertices @ ways + self._by_tips @ turned)
         return [self.target + moved[:, k : k + 3] for k in range(0, 3 * len(expressions), 3)]
 
 

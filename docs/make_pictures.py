@@ -87,7 +87,7 @@ def heads(folder: Path) -> None:
     work = _work(folder / "mesh.png")
     pair = prepare_pair(rig.file, head, TransferOptions(), work)
     faces = [rig.shapes[rig.names.index(name)] for name in SHOWN]
-    draw_report_picture(pair, faces, [pair.transfer(face) for face in faces], SHOWN, work)
+    draw_report_picture(pair.heads, faces, [pair.transfer(face) for face in faces], SHOWN, work)
     register_files(source, target, folder / "fitted.obj", None, _work(folder / "mesh-chessboard.png"))
     write_feature_points(
         source, folder / "points.json", None, None, None, _work(folder / "mesh-landmarks.png")

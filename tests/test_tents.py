@@ -6,7 +6,12 @@ import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
 from guise.analogy.baselines import ExpressionCloning, GradientTransfer
-from guise.analogy.solver import SolverError, _by_superlu, _nested_dissection, factorise
+from guise.analogy.solver import (
+    SolverError,
+    _by_superlu,
+    _nested_dissection,
+    factorise,
+)
 from guise.analogy.tents import Rings, TentTransfer, VertexTents, tips, vertex_error
 from guise.common.arrays import F64, Int
 
@@ -138,6 +143,18 @@ def test_every_order_of_the_unknowns_solves_alike_and_refuses_what_is_singular()
     for order in (None, np.arange(4)):
         with pytest.raises(SolverError, match="no unique solution"):
             _by_superlu(sp.csc_matrix((4, 4)), order)
+
+
+def test_large_meshes_are_iterated_to_the_same_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    expressions = [smiling(SOURCE), SOURCE, turned(10) @ SOURCE.T]
+    expressions[2] = np.ascontiguousarray(expressions[2].T)
+    exact = TentTransfer(SOURCE, TARGET, RINGS, 0.5).each(expressions)
+    monkeypatch.setattr("guise.analogy.solver.MAX_FACTORISED", 10)
+    for one, other in zip(TentTransfer(SOURCE, TARGET, RINGS, 0.5).each(expressions), exact, strict=True):
+        assert_allclose(one, other, atol=2e-3 * np.abs(exact[0] - TARGET).max())
+    monkeypatch.setattr("guise.analogy.solver.MAX_ITERATIONS", 0)
+    with pytest.raises(SolverError):
+        TentTransfer(SOURCE, TARGET, RINGS, 0.5)(smiling(SOURCE))
 
 
 def test_nested_dissection_orders_every_unknown_once_and_solves_alike() -> None:

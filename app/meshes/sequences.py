@@ -97,8 +97,8 @@ def transfer_sequence(
             write_animated_glb(frames.output, head, run.vertices, frames.rate or DEFAULT_FPS, scale)
     if run.largest is not None:
         name = max(run.transferred, key=lambda one: one.furthest).input
-        draw_report_picture(pair, [run.largest[0]], [run.largest[1]], [name], context)
-    return make_report(pair, options, frames.output, "frame", run.transferred, context, run.skipped)
+        draw_report_picture(pair.heads, [run.largest[0]], [run.largest[1]], [name], context)
+    return make_report(pair.heads, options, frames.output, "frame", run.transferred, context, run.skipped)
 
 
 def _require_outputs(source: Path, frames: SequenceFiles, target: Path, context: RunContext) -> None:

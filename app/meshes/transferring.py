@@ -13,7 +13,7 @@ from guise.analogy.mesh import Mesh
 from guise.app.media.pictures import save_picture
 from guise.app.meshes.context import RunContext
 from guise.app.meshes.options import TransferOptions, Unit
-from guise.app.meshes.pair import TransferPair, prepare_pair
+from guise.app.meshes.pair import MatchedPair, TransferPair, prepare_pair
 from guise.app.meshes.pictures import DrawnHead, HeadView, Picture, draw_strip, draw_transfer
 from guise.app.meshes.reports import MotionError, TransferredExpression, TransferReport, versions
 from guise.common.arrays import F64
@@ -61,8 +61,8 @@ def transfer_files(
     made, carried = transfer_all(pair, faces, names, context)
     with context.stage(WRITING):
         _write_all(head, made, outputs)
-    draw_report_picture(pair, faces, made, [path.stem for path in expressions], context)
-    return make_report(pair, options, folder, "expression", carried, context)
+    draw_report_picture(pair.heads, faces, made, [path.stem for path in expressions], context)
+    return make_report(pair.heads, options, folder, "expression", carried, context)
 
 
 def _write_all(head: MeshFile, made: Sequence[F64], outputs: Sequence[Path]) -> None:
@@ -102,11 +102,13 @@ def transfer_rig(
         _require_avatar(head, authors, context)
     pair = prepare_pair(rig.file, head, options, context)
     made, carried = transfer_all(pair, list(rig.shapes), [(name, name) for name in rig.names], context)
+    heads = pair.heads
+    del pair  # and with it the systems of the transfer, before the file is made
     with context.stage(WRITING):
         scale = metres_per_unit(head, unit, context)
         write_rig(output, head, rig.names, made, scale, expressions=rig.expressions, authors=authors)
-    draw_report_picture(pair, list(rig.shapes), made, rig.names, context)
-    return make_report(pair, options, output, "morph target", carried, context)
+    draw_report_picture(heads, list(rig.shapes), made, rig.names, context)
+    return make_report(heads, options, output, "morph target", carried, context)
 
 
 def _require_avatar(head: MeshFile, authors: Sequence[str], context: RunContext) -> None:
@@ -185,12 +187,12 @@ def warn_of_flights(
 
 
 def draw_report_picture(
-    pair: TransferPair, faces: Sequence[F64], made: Sequence[F64], names: Sequence[str], context: RunContext
+    heads: MatchedPair, faces: Sequence[F64], made: Sequence[F64], names: Sequence[str], context: RunContext
 ) -> None:
     """Draw the picture, if requested: the expressions that move most, on the source above and the target below."""
     if context.picture is None:
         return
-    source, target, points = pair.heads.source.mesh, pair.heads.target.mesh, pair.heads.points
+    source, target, points = heads.source.mesh, heads.target.mesh, heads.points
     places = None if points is None else (points[0].positions, points[1].positions)
     with context.stage(DRAWING):
         if len(faces) == 1:
@@ -220,7 +222,7 @@ def _draw_row(head: Mesh, faces: Sequence[tuple[F64, str]], points: F64 | None) 
 
 
 def make_report(
-    pair: TransferPair,
+    heads: MatchedPair,
     options: TransferOptions,
     output: Path,
     kind: str,
@@ -230,6 +232,6 @@ def make_report(
 ) -> TransferReport:
     """The report; kind : of what was transferred."""
     return TransferReport(
-        pair.heads.source.path, pair.heads.target.path, output, options.method, pair.heads.facts, kind,
-        tuple(carried), skipped, context.seconds, context.picture, versions(), pair.heads.parts,
+        heads.source.path, heads.target.path, output, options.method, heads.facts, kind,
+        tuple(carried), skipped, context.seconds, context.picture, versions(), heads.parts,
     )  # fmt: skip
