@@ -86,6 +86,8 @@ class FacePlaces:
 
     mouth_widths: tuple[float, float, float] = (0.9, 0.9, 1.6)  # sideways, up or down, and back from the lips
     upper_jaw_widths: float = 0.05  # above the line of the lips, from which a part belongs to the skull
+    throat_share: float = 0.3  # of a cavity's length, at its end
+    min_cavity_widths: float = 0.2  # from front to back, below which nothing of it is the throat
     eye_widths: float = 0.75  # around the middle of an eye, of eyeballs and shells
     lid_widths: float = 0.2  # from the lids' corners line of a shell's border
 
@@ -128,11 +130,18 @@ class FaceFrame:
         """(3,)."""
         return np.asarray((self.eyes[0][0] + self.eyes[1][0]) / 2)
 
-    def in_mouth(self, place: F64) -> bool:
-        """Whether a place (3,) lies behind the lips."""
-        side, up, forward = (place - self.mouth) @ self.axes.T / self.mouth_width
+    def in_mouth(self, places: F64) -> Bool:
+        """(...) whether places (..., 3) lie behind the lips."""
+        side, up, forward = ((places - self.mouth) @ self.axes.T / self.mouth_width).T
         wide, high, deep = PLACES.mouth_widths
-        return bool(abs(side) < wide and abs(up) < high and -deep < forward < 0)
+        return np.asarray((abs(side) < wide) & (abs(up) < high) & (-deep < forward) & (forward < 0))
+
+    def throat(self, places: F64) -> Bool:
+        """(n,) which places (n, 3) of a cavity in the mouth are its end, which stays with the skull."""
+        back = (self.mouth - places) @ self.axes[2]
+        long = float(np.ptp(back)) if len(back) else 0.0
+        deep = back > back.max(initial=0) - PLACES.throat_share * long
+        return np.asarray(deep & (long > PLACES.min_cavity_widths * self.mouth_width))
 
     def in_upper_jaw(self, place: F64) -> bool:
         """Whether a place (3,) in the mouth lies above the line of the lips."""

@@ -41,7 +41,7 @@ class TensionFill:
         rows = sp.csr_array(system)[self._unknown]
         self._solve = factorise(rows[:, self._unknown])
         self._from = sp.csr_array(rows[:, self._known])
-        self._hole, self._rim, self._hole_of_rim = _holes(rings, known)
+        self._hole, self._rim, self._hole_of_rim = holes(rings, known)
 
     def __call__(self, values: F64) -> F64:
         """Values (N, k), with those of the unknown vertices replaced."""
@@ -60,7 +60,7 @@ class TensionFill:
         return np.asarray(found * np.where(size > limit, limit / np.maximum(size, 1e-300), 1)[:, None])
 
 
-def _holes(rings: Rings, known: Bool) -> tuple[Int, Int, Int]:
+def holes(rings: Rings, known: Bool) -> tuple[Int, Int, Int]:
     """The connected hole (u,) of each unknown vertex, known vertices (r,) beside holes, and the hole (r,) of each."""
     inside = ~known[rings.start] & ~known[rings.end]
     ones = np.ones(int(inside.sum()), np.int8)

@@ -2,10 +2,9 @@
 
 Parts of the mouth that the source has too move as they do there, teeth rigidly.  Of the others, upper teeth stay with
 the skull, lower ones and the tongue move with the lower jaw, whose rigid motion the skin of the chin shows, and a
-cavity lies between.  Shells in front of the eyes and lashes follow the margins of the lids, brows the skin under them.
-Eyeballs (`guise.analogy.eyeballs`),
-glasses, hair, clothes and body stay.  What nobody knows keeps its shape and follows the skin close to it as far as that
-moves rigidly.
+cavity hangs between lips, teeth and the throat, which stays with the skull.  Shells in front of the eyes and lashes
+follow the margins of the lids, brows the skin under them.  Eyeballs (`guise.analogy.eyeballs`), glasses, hair, clothes
+and body stay.  What nobody knows keeps its shape and follows the skin close to it as far as that moves rigidly.
 """
 
 from __future__ import annotations
@@ -13,6 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from guise.aam.similarity import align_rigid
@@ -48,6 +49,8 @@ class PartLimits:
     chin_widths: float = 0.5  # around the chin, of the skin that shows the jaw's motion
     jaw_residual: float = 0.25  # non-rigid share of the chin's motion, up to which the jaw moves fully
     still_jaw_residual: float = 0.5  # and from which it stays
+    rim_widths: float = 0.15  # from the lips, up to which the border of a cavity goes with them
+    held_widths: float = 0.04  # from a tooth, up to which what holds it goes with it
 
 
 PART_LIMITS = PartLimits()
@@ -100,6 +103,11 @@ class PartMotion:
         on_skin = mesh.faces[skin[mesh.faces].all(1)]
         at_lids = np.concatenate([np.empty(0, np.intp), *parts["lashes"], *rims])
         self._guided = np.concatenate([at_lids, *parts["cards"]])
+        self._walls = []
+        if parts["between"] and face is not None:
+            teeth = np.concatenate([np.empty(0, np.intp), *parts["lower jaw"], *parts["still"]])
+            walls = (_CavityWall(mesh, part, face, skin, teeth) for part in parts["between"])
+            self._walls = [wall for wall in walls if len(wall.rows)]
         points = self._vertices[self._guided]
         if margins is not None and len(at_lids):
             points[: len(at_lids)] = margins[cKDTree(margins).query(points[: len(at_lids)])[1]]
@@ -131,6 +139,8 @@ class PartMotion:
             for part in self._between:
                 rest = self._vertices[part]
                 out[part] = rest + self._face.lower_share(rest)[:, None] * (apply_rigid(rest, *jaw) - rest)
+        for wall in self._walls:
+            out[wall.rows] = wall(out, self._vertices)
         if self._solid:
             for part, turn, shift in zip(self._solid, *self._motions(out), strict=True):
                 out[part] = apply_rigid(self._vertices[part], turn, shift)
@@ -202,6 +212,54 @@ class _ShellFill:
     def __call__(self, made: F64, rest: F64) -> F64:
         """Its vertices (n, 3), given all (N, 3) with its border in place, and those at rest."""
         return np.asarray(rest[self.rows] + self._fill((made - rest)[self.rows]))
+
+
+class _CavityWall:
+    """The wall of a cavity of its own behind the lips: its border goes with them, and its end stays with the skull.
+
+    What holds teeth goes with these, and gums or a tongue that only touch it go with their jaw.
+
+    Parameters
+    ----------
+    part : of the mesh.   skin : (N,) bool.   teeth : vertices (t,).
+    """
+
+    def __init__(self, mesh: Mesh, part: Int, face: FaceFrame, skin: Bool, teeth: Int) -> None:
+        own = submesh(mesh, _among(part, len(mesh.vertices)))
+        at, width = own.vertices, face.mouth_width
+        lips = np.flatnonzero(skin)
+        away, near = cKDTree(mesh.vertices[lips]).query(at)
+        rim = borders(own.faces, len(at)) & (away < PART_LIMITS.rim_widths * width)
+        pieces = _pieces_by_edges(own.faces)
+        wall = own.faces[np.isin(pieces, pieces[rim[own.faces].any(1)])]
+        chosen = _among(np.unique(wall), len(at))
+        self.rows = part[chosen]
+        if not len(self.rows):
+            return
+        held = np.zeros(len(at), bool)
+        if len(teeth):
+            held = cKDTree(mesh.vertices[teeth]).query(at)[0] < PART_LIMITS.held_widths * width
+        self._lips, self._rim = lips[near[chosen]], rim[chosen]
+        self._still = face.throat(at[chosen]) & ~self._rim
+        piece = submesh(own, chosen)
+        known = self._rim | self._still | held[chosen]
+        self._fill = TensionFill(piece.vertices, piece.rings, known, 100 * float(np.ptp(at, axis=0).max()))
+
+    def __call__(self, made: F64, rest: F64) -> F64:
+        """Its vertices (n, 3), given all (N, 3), skin and jaws in place, and those at rest."""
+        way = (made - rest)[self.rows]
+        way[self._rim] = (made - rest)[self._lips[self._rim]]
+        way[self._still] = 0
+        return np.asarray(rest[self.rows] + self._fill(way))
+
+
+def _pieces_by_edges(faces: Int) -> Int:
+    """(m,) the piece of each face (m, 3); pieces have no edge in common."""
+    sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    edges = np.unique(sides @ (int(faces.max()) + 1, 1), return_inverse=True)[1].ravel()
+    ones, of = np.ones(len(edges), np.int8), np.tile(np.arange(len(faces)), 3)
+    shared = sp.csr_array(sp.coo_array((ones, (of, edges)), shape=(len(faces), int(edges.max()) + 1)))
+    return np.asarray(connected_components(shared @ shared.T, directed=False)[1])
 
 
 class _MatchedPart:

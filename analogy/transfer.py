@@ -22,7 +22,7 @@ from guise.analogy.carriers import CARRIERS
 from guise.analogy.correspondence import Correspondence
 from guise.analogy.eyeballs import EyeTurns
 from guise.analogy.feature_points import FeaturePointsError, find_feature_points
-from guise.analogy.filling import TensionFill
+from guise.analogy.filling import TensionFill, holes
 from guise.analogy.geometry import vertex_areas
 from guise.analogy.lids import FacePair, LidMotion, motion_ratios
 from guise.analogy.mesh import Mesh, MeshError
@@ -103,18 +103,24 @@ class Transfer:
         self.pose = _align(self._carry @ source.vertices, skin.vertices, size)
         apart = self.pose.apply(self._carry @ source.vertices) - skin.vertices
         radius = _rms_radius(skin.vertices, size)
+        frame = FaceFrame.of(face.points[1]) if face else None
         continued = TensionFill(skin.vertices, skin.rings, found, TRANSFER.fade_length_radii * radius)(apart)
         own = VertexTents(skin.vertices, skin.rings)
         found &= _keeps_ring_shape(own.transformations(skin.vertices + continued))
         self._fill = TensionFill(skin.vertices, skin.rings, found, TRANSFER.fade_length_radii * radius)
         self._neutral = skin.vertices + self._fill(apart)
+        throat = _throat(skin, found, frame)
+        if throat.any():
+            known = found | throat
+            self._fill = TensionFill(skin.vertices, skin.rings, known, TRANSFER.fade_length_radii * radius)
         self._core = _make_method(method, self._neutral, own, TRANSFER.tent_reach_radii * radius)
         self._deformed = (
             _deformed_model(source, self.pose, fitted, skin_mask(source)) if method == "deformable" else None
         )
         self._skin = on_skin
         lids = face.lids if face else ()
-        self._ratios = motion_ratios(lids, source.vertices, target.vertices, self.pose.scale)[on_skin, None]
+        ratios = motion_ratios(lids, source.vertices, target.vertices, self.pose.scale)[on_skin, None]
+        self._moved = np.where(throat[:, None], 0.0, ratios)
         self._lids = [LidMotion(source.vertices, target.vertices, eye) for eye in lids]
         same = bool((correspondence.weights.max(1) == 1).all())  # vertex to vertex, which slips nowhere
         self._slit_skin = (
@@ -123,7 +129,6 @@ class Transfer:
             else None
         )
         matched = correspondence.found & ~skin_mask(source)[correspondence.corners].any(1)
-        frame = FaceFrame.of(face.points[1]) if face else None
         margins = face.margins(target.vertices) if face else None
         self._parts = PartMotion(target, on_skin, keep_rigid, matched, frame, margins)
         self._eyes = None
@@ -157,7 +162,7 @@ class Transfer:
         motions = [self._motion(expressive) for expressive in expressions]
         stills = [motion.inverse().apply(x) for motion, x in zip(motions, expressions, strict=True)]
         ways = [self._way(still) for still in stills]
-        skins = self._core([self._neutral + self._fill(self._ratios * (self._carry @ way)) for way in ways])
+        skins = self._core([self._neutral + self._fill(self._moved * (self._carry @ way)) for way in ways])
         return [self._whole(*parts) for parts in zip(motions, stills, ways, skins, strict=True)]
 
     def _way(self, still: F64) -> F64:
@@ -287,6 +292,17 @@ def _matched_skin(source: Mesh, target: Mesh, correspondence: Correspondence, sk
             "are they both heads? give feature points for both"
         )
     return np.asarray(found)
+
+
+def _throat(skin: Mesh, found: Bool, face: FaceFrame | None) -> Bool:
+    """(n,) the end of a mouth bag of which the source has nothing: it stays with the skull."""
+    end = np.zeros(len(found), bool)
+    if face is not None and not found.all():
+        lacking = np.flatnonzero(~found)
+        hole, inside = holes(skin.rings, found)[0], face.in_mouth(skin.vertices[lacking])
+        bag = lacking[~np.isin(hole, hole[~inside])]
+        end[bag] = face.throat(skin.vertices[bag])
+    return end
 
 
 def _align(source: F64, target: F64, weights: F64) -> Similarity:

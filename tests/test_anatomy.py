@@ -188,6 +188,29 @@ def test_a_cavity_without_a_counterpart_hangs_between_the_jaws() -> None:
     np.testing.assert_allclose(frame.lower_share(places), [0, 0.5, 1], atol=1e-6)
 
 
+def tube(length: float, rings: int, sides: int = 12) -> tuple[F64, Int]:
+    """A tube that begins behind the lips, ring after ring."""
+    angle, back = np.meshgrid(2 * np.pi * np.arange(sides) / sides, np.linspace(0, length, rings))
+    at = np.stack([1.2 * np.cos(angle), 1.2 * np.sin(angle) - 6, 2.0 - back], axis=2).reshape(-1, 3)
+    first = (np.arange(rings - 1)[:, None] * sides + np.arange(sides)).ravel()
+    after = first + np.where(first % sides == sides - 1, 1 - sides, 1)
+    return at, np.stack([first, after, after + sides, first + sides], axis=1)
+
+
+def test_the_wall_of_a_cavity_goes_with_the_lips_in_front_and_with_the_skull_behind() -> None:
+    skin = face(6, 1.0)[0]
+    mesh, (wall,) = with_parts(skin, [tube(3.0, 9)])
+    is_skin = np.arange(len(mesh.vertices)) < len(skin.vertices)
+    moved = skin.vertices.copy()
+    moved[skin.vertices[:, 1] < -6] += (0, -1, -0.3)
+    motion = PartMotion(mesh, is_skin, still=False, matched=None, face=FaceFrame.of(FACE_POINTS))
+    drop = (mesh.vertices - motion(moved, np.zeros_like(mesh.vertices)))[wall][:, 1].reshape(9, 12)
+    np.testing.assert_allclose(drop[0, 7:12], 1, atol=1e-6)
+    np.testing.assert_allclose(drop[0, 1:6], 0, atol=1e-6)
+    np.testing.assert_allclose(drop[-1], 0, atol=1e-6)
+    assert np.abs(np.diff(drop[:, 9])).max() < 0.4  # nowhere torn
+
+
 def turned(degrees: float) -> F64:
     angle = np.radians(degrees)
     return np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
