@@ -3,7 +3,9 @@
 The twelve people are made by ../shared/people/human.py: African, Asian and Caucasian, male and female, young and old,
 each onto one of the next ethnicity, the other sex and the other age.  All have one topology, so that the place of every
 vertex on the other head is known.  err as in benchmarks.mesh.transfer, with nothing given and with that exact
-correspondence; slide is the mean distance of the deformed source's vertices from their true places, centimetres.
+correspondence.  MakeHuman's units add nearly the same displacement, in centimetres, to everybody, so that whatever
+adapts them to the size and shape of a head errs by that: by .14 to .23 with the exact correspondence.  Slide is the
+mean distance of the deformed source's vertices from their true places, centimetres.
 """
 
 from __future__ import annotations
@@ -115,6 +117,7 @@ def measure(options: argparse.Namespace) -> Report:
     worst = max(one[1] for one in rows)
     mean = float(np.mean([one[1] for one in rows]))
     report.criteria.append(Criterion("mean err, nothing given", mean, "<=", MAX_ERROR))
+    report.notes.append(f"With the exact correspondence the mean is {np.mean([one[2] for one in rows]):.3f}.")
     report.notes.append(f"The worst pair has {worst:.3f}.")
     return report
 
