@@ -1,11 +1,14 @@
 """Trains what tells ARKit's coefficients of a face, beside another picture of the same person.
 
-    python -m training.rig_head --sights SIGHTS [SIGHTS ...] --output rig.npz [--steps 3000]
+    python -m training.rig_head train --sights SIGHTS [SIGHTS ...] --output one.npz --alike 0.3
+    python -m training.rig_head train --sights SIGHTS [SIGHTS ...] --output two.npz --seed 2 --basis one.npz
+    python -m training.rig_head join one.npz two.npz --output rig.npz
 
-SIGHTS are those of `rig_sights.py`.  What a sight shows (`guise.aam.rig.sight`) is reduced to principal components,
-those of both eyes shared; a small network tells the coefficients from them and from how they differ from those of a
-reference: a picture of the same person in the same sitting whose coefficients it is told, at run time rest.  One time
-in five there is none.  People are mirrored at random.
+SIGHTS are those of `rig_sights.py` and `rig_real.py`.  What a sight shows (`guise.aam.rig.sight`) is reduced to
+principal components, those of both eyes shared, or those of `--basis`, an earlier network; a small network tells the
+coefficients from them and from how they differ from those of a reference: a picture of the same person in the same
+sitting whose coefficients it is told, at run time rest.  One time in five there is none.  People are mirrored at
+random.  What ships is the mean of several networks: with `--alike`, small moves count like large ones.
 """
 
 from __future__ import annotations
@@ -26,14 +29,18 @@ from guise.aam.rig.coefficients import LOOKS, TOLD
 from guise.aam.rig.names import ARKIT_NAMES, FULL_LOOK_DEGREES
 from guise.aam.rig.sight import IRIS_RADII, iris_values, window_values
 from guise.common.arrays import F32, Int
+from training.rig_sights import REAL, STILLS
 
 KEPT = {"eye": 72, "mouth": 88, "shape": 56}  # principal components
 WIDTHS, LOOK_WIDTHS = (192, 128), (64, 32)  # of the hidden layers
 IRISES = 4 * len(IRIS_RADII)  # values of both
 NAMES = [ARKIT_NAMES[k] for k in TOLD]
 OUTPUTS = len(TOLD) + 2  # and the eyes' turn
-GROUPS, REAL_GROUPS, PER_GROUP = 44, 6, 12  # in a batch
-REAL = 9_000_000  # from which on numbers of groups are real clips
+GROUPS, REAL_GROUPS, STILL_GROUPS, PER_GROUP = 44, 6, 8, 12  # in a batch
+MOVES, CLEARLY = (
+    0.02,
+    0.2,
+)  # standard deviation of a coefficient there, from which on it counts, and counts whole
 ALONE, CALM = 0.2, 0.6  # shares without a reference, and with the calmest picture of the sitting as that
 
 
@@ -70,7 +77,8 @@ class Sights:
         self.groups: list[Int] = [rows for rows in np.split(order, ends) if len(rows) > 3]
         number = joined["group"]
         self.rendered = [rows for rows in self.groups if number[rows[0]] < REAL]
-        self.real = [rows for rows in self.groups if number[rows[0]] >= REAL]
+        self.real = [rows for rows in self.groups if REAL <= number[rows[0]] < STILLS]
+        self.stills = [rows for rows in self.groups if number[rows[0]] >= STILLS]
 
     def components(self, basis: dict[str, F32]) -> tuple[Tensor, Tensor]:
         """Components (2, n, k) and truth (2, n, 46), as they are and in a mirror."""
@@ -126,6 +134,12 @@ def basis_of(data: Sights) -> dict[str, F32]:
     return made
 
 
+def stored_basis(path: Path) -> dict[str, F32]:
+    """That of a file that `save` wrote."""
+    with np.load(path) as stored:
+        return {name: stored[name].astype(np.float32) for kind in KEPT for name in (kind, f"{kind}_mean")}
+
+
 def _layers(inputs: int, one: int, two: int, outputs: int) -> nn.Sequential:
     return nn.Sequential(
         nn.Linear(2 * inputs + OUTPUTS + 1, one), nn.ReLU(), nn.Dropout(0.2),
@@ -155,16 +169,33 @@ def _some(rng: np.random.Generator, groups: list[Int], count: int) -> list[Int]:
     return [groups[k] for k in rng.choice(len(groups), min(count, len(groups)), replace=False)]
 
 
-def _batch(data: Sights, rng: np.random.Generator) -> tuple[Int, Int]:
-    """Rows, and the row that is the reference of each."""
-    rows, others = [], []
-    picked = [*_some(rng, data.rendered, GROUPS), *_some(rng, data.real, REAL_GROUPS)]
-    for one in picked:
+def _batch(data: Sights, rng: np.random.Generator) -> tuple[Int, Int, Tensor]:
+    """Rows, the row that is the reference of each, and the number of the sitting of each."""
+    rows, others, sittings = [], [], []
+    pools = ((data.rendered, GROUPS), (data.real, REAL_GROUPS), (data.stills, STILL_GROUPS))
+    picked = [one for groups, count in pools for one in _some(rng, groups, count)]
+    for number, one in enumerate(picked):
         group = rng.permutation(one)[:PER_GROUP]
         calm = group[np.argmin(np.abs(data.truth[group, :-2]).sum(1))]
         others.append(np.where(rng.random(len(group)) < CALM, calm, rng.choice(group, len(group))))
         rows.append(group)
-    return np.concatenate(rows), np.concatenate(others)
+        sittings.append(np.full(len(group), number))
+    return np.concatenate(rows), np.concatenate(others), torch.from_numpy(np.concatenate(sittings))
+
+
+def _unlike(found: Tensor, truth: Tensor, sittings: Tensor) -> Tensor:
+    """How far within each sitting (n,) what moves is from moving in step, so that small moves count like large ones."""
+    count = int(sittings.max()) + 1
+
+    def averaged(values: Tensor) -> Tensor:
+        added = torch.zeros(count, values.shape[1]).index_add_(0, sittings, values)
+        return added / torch.bincount(sittings)[:, None]
+
+    a, b = (values - averaged(values)[sittings] for values in (found, truth))
+    spread = averaged(b * b)
+    alike = averaged(a * b) / torch.sqrt((averaged(a * a) + 1e-4) * (spread + 1e-6))
+    weight = (spread.sqrt() > MOVES) * spread.sqrt().clamp(max=CLEARLY)
+    return ((1 - alike) * weight).sum() / weight.sum().clamp(min=1)
 
 
 def _loss(found: Tensor, truth: Tensor, importance: Tensor) -> Tensor:
@@ -200,22 +231,34 @@ SHOWN = {
 
 
 def save(path: Path, basis: dict[str, F32], net: RigNet) -> None:
-    """Write what `guise.aam.rig.coefficients` reads, in float16."""
+    """Write what `guise.aam.rig.coefficients` reads, in float16; weights of each of the networks, (1, ...) here."""
     arrays = dict(basis)
     for name in ("face", "look"):
         for k, layer in enumerate(one for one in getattr(net, name) if isinstance(one, nn.Linear)):
             arrays |= {
-                f"{name}_weight{k}": layer.weight.detach().numpy().T,
-                f"{name}_bias{k}": layer.bias.detach().numpy(),
+                f"{name}_weight{k}": layer.weight.detach().numpy().T[None],
+                f"{name}_bias{k}": layer.bias.detach().numpy()[None, None],
             }
     np.savez_compressed(path, **{name: values.astype(np.float16) for name, values in arrays.items()})  # type: ignore[arg-type]
+
+
+def join(networks: list[Path], path: Path) -> None:
+    """Write networks of one basis as one that tells their mean."""
+    stored = [dict(np.load(file)) for file in networks]
+    joined = {
+        name: values
+        if "_mean" in name or name in KEPT
+        else np.concatenate([one[name].reshape(-1, *values.shape[1:]) for one in stored])
+        for name, values in stored[0].items()
+    }
+    np.savez_compressed(path, **joined)
 
 
 def train(options: argparse.Namespace) -> None:
     """Learn, and write the figures of people held out every minute."""
     rng = np.random.default_rng(options.seed)
     data, held = Sights(options.sights, 0, 9), Sights(options.sights, 9, 10)
-    basis = basis_of(data)
+    basis = basis_of(data) if options.basis is None else stored_basis(options.basis)
     (seen, truth), (held_seen, held_truth) = data.components(basis), held.components(basis)
     print(seen.shape, held_seen.shape, flush=True)
     net = RigNet(seen.shape[2])
@@ -230,13 +273,14 @@ def train(options: argparse.Namespace) -> None:
             group["lr"] = (
                 options.rate * min(1, step / 50) * 0.5 * (1 + math.cos(math.pi * step / options.steps))
             )
-        rows, others = _batch(data, rng)
+        rows, others, sittings = _batch(data, rng)
         way = int(rng.integers(2))
         own, other = seen[way, rows], seen[way, others]
         own, other = (x + 0.1 * torch.randn_like(x) for x in (own, other))
         given = torch.from_numpy((rng.random((len(rows), 1)) > ALONE).astype(np.float32))
         net.train()
-        loss = _loss(net(own, other, truth[way, others], given), truth[way, rows], importance)
+        found, true = net(own, other, truth[way, others], given), truth[way, rows]
+        loss = _loss(found, true, importance) + options.alike * _unlike(found, true, sittings)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -245,27 +289,35 @@ def train(options: argparse.Namespace) -> None:
         if step % 350 == 349 or step == options.steps - 1:
             row = {"step": step + 1, "loss": float(np.mean(losses[-200:]))}
             for kind, alone in (("", False), ("alone_", True)):
-                found = figures(average.module, held, held_seen, held_truth, alone)
+                scores = figures(average.module, held, held_seen, held_truth, alone)
                 row |= {
-                    f"{kind}{k}": float(np.mean([found[n] for n in names if n in found]))
+                    f"{kind}{k}": float(np.mean([scores[n] for n in names if n in scores]))
                     for k, names in SHOWN.items()
                 }
-                row[f"{kind}all"] = float(np.mean(list(found.values())))
+                row[f"{kind}all"] = float(np.mean(list(scores.values())))
             print(" ".join(f"{k}={v:.3f}" for k, v in row.items()), flush=True)
             save(options.output, basis, copy.deepcopy(average.module))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sights", type=Path, nargs="+", required=True)
-    parser.add_argument("--output", type=Path, required=True)
-    parser.add_argument("--steps", type=int, default=3000)
-    parser.add_argument("--rate", type=float, default=2e-3)
-    parser.add_argument("--seed", type=int, default=1)
+    ways = parser.add_subparsers(dest="way", required=True)
+    one, many = ways.add_parser("train"), ways.add_parser("join")
+    one.add_argument("--sights", type=Path, nargs="+", required=True)
+    one.add_argument("--basis", type=Path)
+    one.add_argument("--steps", type=int, default=1500)
+    one.add_argument("--rate", type=float, default=2e-3)
+    one.add_argument("--seed", type=int, default=1)
+    one.add_argument("--alike", type=float, default=0.0, help="weight of the correlation within a sitting")
+    many.add_argument("networks", type=Path, nargs="+")
+    for each in (one, many):
+        each.add_argument("--output", type=Path, required=True)
     options = parser.parse_args()
+    if options.way == "join":
+        return join(options.networks, options.output)
     torch.set_num_threads(1)
     torch.manual_seed(options.seed)
-    train(options)
+    return train(options)
 
 
 if __name__ == "__main__":

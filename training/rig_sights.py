@@ -29,6 +29,7 @@ from training.camera import camera, lit
 
 Rng = np.random.Generator
 NOISE = 0.005  # standard deviation of what a landmarker finds in worse pictures, face widths
+REAL, STILLS = 9_000_000, 9_100_000  # from which on numbers of groups are real clips, and stills
 SITTINGS = 8  # room for a person's sittings in the number of a group
 
 

@@ -1,6 +1,6 @@
 """Estimates ARKit's 52 coefficients, and the turn of head and eyes, frame by frame from a picture and its 81 points.
 
-A small network (`training/rig_head.py`, `aam/data/rig.md`) tells coefficients from what is seen of eyes, brows and
+Small networks (`training/rig_head.py`, `aam/data/rig.md`) tell coefficients from what is seen of eyes, brows and
 mouth, and from how that differs from the same person at rest.  Rest is told by a calibration or estimated on the way,
 as the calmest of what was seen.  A calibration may also hold a linear map of the person's own.  Everything is smoothed
 by the One Euro filter (Casiez, Roussel and Vogel, CHI 2012), which lags by less than a frame; a whole clip both ways,
@@ -23,6 +23,7 @@ from guise.aam.rig.names import ARKIT_NAMES, FULL_LOOK_DEGREES, INDEX
 from guise.aam.rig.sight import IRIS_RADII, FaceSight, iris_values, see, window_values
 from guise.aam.solid_shape import SolidTracker
 from guise.common.arrays import F32, F64, U8, Floating
+from guise.common.small import mean
 from guise.common.tuned import derived, tuned
 
 DATA = Path(__file__).parents[1] / "data" / "rig.npz"
@@ -150,7 +151,7 @@ class Rest:
 
 @dataclass(frozen=True, eq=False)
 class RigNetwork:
-    """Principal components of a sight, and the network that reads them, as `training/rig_head.py` stores them."""
+    """Principal components of a sight, and the networks that read them, as `training/rig_head.py` stores them."""
 
     arrays: dict[str, F32]
 
@@ -180,12 +181,14 @@ class RigNetwork:
         )
 
     def _run(self, name: str, values: F32) -> F32:
-        """The answer of one of the two networks."""
+        """The mean answer of the networks for the face, or of those for the look; weights (networks, in, out)."""
+        values = values[None, None]
         for k in range(LAYERS):
             values = values @ self.arrays[f"{name}_weight{k}"] + self.arrays[f"{name}_bias{k}"]
             if k + 1 < LAYERS:
                 values = np.maximum(values, 0)
-        return values
+        averaged: F32 = mean(values[:, 0], 0)
+        return averaged
 
 
 class OneEuro:
