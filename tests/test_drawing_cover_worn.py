@@ -57,7 +57,7 @@ def test_glasses_are_worn_before_both_eyes(
 
 
 @pytest.mark.parametrize(
-    ("look", "kept"), [(SWAP, True), (DISGUISE, False), (replace(DISGUISE, own_glasses=True), True)]
+    ("look", "kept"), [(SWAP, True), (DISGUISE, False), (replace(DISGUISE, glasses="own"), True)]
 )
 def test_rims_stay_in_front_of_the_drawn_face(
     scene: Scene, look: Look, kept: bool, monkeypatch: pytest.MonkeyPatch

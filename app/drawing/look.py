@@ -33,7 +33,7 @@ class Look:
         "objects", only those that reach in from beyond the face, so that no part of it shows by mistake; "hair", these
         and hair that reaches in.  The looks "paper" and "puppet" draw over all.
     glasses : whether those of a donor who wears some come along, over who wears none.  The donor's face is the same.
-    own_glasses : whether the person's stay where only objects and hair do.
+        "own" are the person's, which stay where otherwise only objects and hair do.
     outline : share in [0, 1] by which the head's jaw line goes to the face's own, with a little of what is beside it.
     apart : share by which the face differs more from the person's at rest than the donor's does.
     jaw, forehead : face widths by which the face is drawn beyond the head's outline, the forehead most in the
@@ -51,8 +51,7 @@ class Look:
     eyes: Whose = "source"
     mouth: Whose = "source"
     in_front: InFront = "all"
-    glasses: Glasses = "off"
-    own_glasses: bool = False
+    glasses: Glasses | Literal["own"] = "off"
     outline: float = 0.0
     apart: float = 0.0
     jaw: float = 0.0

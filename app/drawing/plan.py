@@ -160,7 +160,7 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look, *, shows_skin: bool =
         person.estimator.sampler,
         only_objects=look.in_front != "all",
         keeps_hair=look.in_front == "hair",
-        keeps_glasses=look.own_glasses,
+        keeps_glasses=look.glasses == "own",
         beyond=hairline.forehead.added if hairline else None,
         watches_eyes=look.eyes != "donor",
         beard=own_beard,
@@ -178,7 +178,7 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look, *, shows_skin: bool =
     drawn_brows = DrawnBrows(reference)
     alpha = _alpha(reference, FEATHER if shows_skin else NARROW_FEATHER, beards)
     blend, rest = Blend(relief, alpha, look.renderer), texture.transfer.source
-    arms = () if shows_skin or look.own_glasses else (cover_arms,)
+    arms = () if shows_skin or look.glasses == "own" else (cover_arms,)
     looks = (Gaze(irises.source, person.at_rest).follow,) if irises else ()
     glasses = _glasses(donor, texture.transfer, reference) if look.glasses == "keep" else ()
     seeing = _seeing(texture, cover, silhouette, person)

@@ -185,7 +185,7 @@ class SegmentRenderer(Closing):
                 alpha=options.alpha,
                 renderer=options.renderer,
                 hold_seconds=0.0,
-                own_glasses=options.own_glasses == "keep",
+                glasses="own" if options.own_glasses == "keep" else "off",
             ),
         )
 
