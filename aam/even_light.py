@@ -18,7 +18,6 @@ import cv2
 import numpy as np
 
 from guise.aam.beard import beard
-from guise.aam.landmarks.schemes import BROWS
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask
 from guise.aam.mirror import mirror_image
@@ -47,7 +46,6 @@ class EvenLightLimits:
     gain: tuple[float, float] = (0.4, 2.5)  # of a channel
     glint_logarithm: float = 0.05  # by which a place gleams more than the skin around it at most
     chroma_logarithm: float = 0.08  # by which it is of another colour at most, either way
-    forehead_face_widths: float = 0.045  # over which a forehead is evened
     beard_face_widths: float = 0.04  # standard deviation, over which a beard ends
 
 
@@ -72,20 +70,6 @@ def even_texture(identity: Identity) -> F32:
     texture = symmetric(texture, reference)
     hair, _ = beard(identity.rest_frame, reference)
     return np.asarray(texture * _gain(texture, hair, reference, free, spread), np.float32)
-
-
-def with_even_forehead(texture: F32, reference: ReferenceFrame) -> F32:
-    """A texture (h, w, 3) whose forehead is as bright at the temples as in the middle, where skin gleams.
-
-    On dark skin that gloss is strong: drawn on fair skin it would be a bright forehead over a dark band.
-    """
-    above = np.arange(reference.size[0])[:, None] < reference.points[BROWS, 1].mean()
-    skin, sigma = skin_mask(reference) & above, LIMITS.forehead_face_widths * reference.resolution
-    logs = np.log(local_mean(texture, skin.astype(np.float32), sigma) @ LUMA)
-    change = np.where(skin, logs[skin].mean() - logs, 0).astype(np.float32)
-    near = cv2.GaussianBlur(skin.astype(np.float32), (0, 0), sigma)
-    gain = np.exp(cv2.GaussianBlur(change, (0, 0), sigma) / (near + LIMITS.spread_face_widths[1]))
-    return np.asarray(texture * gain[..., None], np.float32)
 
 
 def unevenness(texture: F32, reference: ReferenceFrame) -> float:

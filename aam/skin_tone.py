@@ -22,7 +22,7 @@ import numpy as np
 
 from guise.aam.appearance import AppearanceModel
 from guise.aam.irises import white
-from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, LIPS, RIGHT_EYE
+from guise.aam.landmarks.schemes import BROWS, INNER_LIPS, LEFT_EYE, LIPS, RIGHT_EYE
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
@@ -48,6 +48,8 @@ class SkinToneLimits:
     rim_face_widths: float = 0.15  # from the border, from which on all of the skin is the face's own
     rim_mean_face_widths: float = 0.04  # standard deviation of the means that go over into each other there
     shade_face_widths: float = 0.1  # standard deviation of the shades that are another's all over the face
+    forehead_face_widths: float = 0.045  # over which a forehead is evened,
+    least_skin: float = 0.02  # share of it that begins to tell
     rim_ratio: tuple[float, float] = (0.4, 2.5)  # of a channel
 
 
@@ -63,11 +65,12 @@ def toned(
 
     rim : (h, w) share in [0, 1] of bare skin in both, by which the face goes over into theirs at its border; None if
         it does not.
-    shades : whether what is smooth in the person's is taken over: "own", nothing; "colour", their pallor and flush;
-        "all", brightness, too, which one photo alone does not tell from light.
+    shades : whether what is smooth in the person's is taken over: "own", nothing; "colour", their pallor and flush, on
+        an even forehead; "all", brightness, too, which one photo alone does not tell from light.
     """
     reference = face.reference
     texture, other = (reference.scatter(one.neutral_texture) for one in (face, person))
+    texture = with_even_forehead(texture, reference) if shades == "colour" else texture
     fit = in_tone_of(in_contrast_of(texture, other, reference), other, reference)
     fit = hair_in_light_of(fit, other, reference)
     if rim is not None and shades != "own":
@@ -75,6 +78,20 @@ def toned(
     if rim is not None:
         fit = with_rim_of(fit, other, rim, reference)
     return face.with_neutral_texture(fit)
+
+
+def with_even_forehead(texture: F32, reference: ReferenceFrame) -> F32:
+    """A texture (h, w, 3) whose forehead is as bright at the temples as in the middle, where skin gleams.
+
+    On dark skin that gloss is strong: drawn on fair skin it would be a bright forehead over a dark band.
+    """
+    above = np.arange(reference.size[0])[:, None] < reference.points[BROWS, 1].mean()
+    skin, sigma = skin_mask(reference) & above, LIMITS.forehead_face_widths * reference.resolution
+    logs = np.log(local_mean(texture, skin.astype(np.float32), sigma) @ LUMA)
+    change = np.where(skin, logs[skin].mean() - logs, 0).astype(np.float32)
+    near = cv2.GaussianBlur(skin.astype(np.float32), (0, 0), sigma)
+    gain = np.exp(cv2.GaussianBlur(change, (0, 0), sigma) / (near + LIMITS.least_skin))
+    return np.asarray(texture * gain[..., None], np.float32)
 
 
 def in_contrast_of(texture: F32, other: F32, reference: ReferenceFrame) -> F32:

@@ -8,7 +8,7 @@ from guise.aam.landmarks.schemes import LEFT_EYE_OUTER
 from guise.aam.parsing import FaceClass, FaceParsing
 from guise.app.drawing.face import FaceInFrame
 from guise.app.drawing.memory import Memory
-from guise.app.drawing.passes.arms import cover_arms
+from guise.app.drawing.passes.cover import cover_arms
 from guise.app.media import Frame
 
 

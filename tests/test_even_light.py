@@ -11,11 +11,11 @@ from guise.aam.even_light import (
     evenly_lit,
     shading,
     symmetric,
-    with_even_forehead,
     without_glints,
 )
 from guise.aam.landmarks.schemes import CHIN, NOSE_TIP
 from guise.aam.mask import skin_mask
+from guise.aam.skin_tone import with_even_forehead
 from guise.common.arrays import F32
 
 SKIN = skin_mask(FRAME)

@@ -15,7 +15,7 @@ import numpy as np
 from guise.aam.appearance import AppearanceModel
 from guise.aam.beard import LIMITS as BEARD_LIMITS
 from guise.aam.beard import beard
-from guise.aam.even_light import even_texture, with_even_forehead
+from guise.aam.even_light import even_texture
 from guise.aam.extrapolation import DEFAULT_GATE, Extrapolator
 from guise.aam.glasses import GlassesOnHead, WornGlasses
 from guise.aam.irises import EYES, Irises
@@ -32,10 +32,9 @@ from guise.app.drawing.donor import Donor
 from guise.app.drawing.face import BROW_REACH, FEATHER, FaceInFrame
 from guise.app.drawing.look import Kind, Look
 from guise.app.drawing.memory import Memory
-from guise.app.drawing.passes.arms import cover_arms
 from guise.app.drawing.passes.blend import Blend
 from guise.app.drawing.passes.brows import DrawnBrows, HeadBrows
-from guise.app.drawing.passes.cover import Cover, DonorGlasses, shown_mask
+from guise.app.drawing.passes.cover import Cover, DonorGlasses, cover_arms, shown_mask
 from guise.app.drawing.passes.eyes import Apertures, Eyeballs, LidCloser
 from guise.app.drawing.passes.forehead import Hairline, outward
 from guise.app.drawing.passes.irises import Gaze, IrisChange, IrisTint
@@ -206,11 +205,8 @@ def _in_tone_of(
         of_photo = person.identity.is_of_photo or donor.enrolled.is_of_photo
         return toned(donor.clean.appearance, even, rim=bare, shades="all" if of_photo else "own")
     # Brows move farther from where theirs were, and the end of one is no shade.
-    reference = person.identity.reference
-    brows = soft_parts(reference, (RIGHT_BROW, LEFT_BROW), BROW_REACH)
-    clean = donor.clean.appearance
-    lit = with_even_forehead(reference.scatter(clean.neutral_texture), reference)
-    return toned(clean.with_neutral_texture(lit), even, rim=bare * (1 - brows), shades="colour")
+    brows = soft_parts(person.identity.reference, (RIGHT_BROW, LEFT_BROW), BROW_REACH)
+    return toned(donor.clean.appearance, even, rim=bare * (1 - brows), shades="colour")
 
 
 def _alpha(reference: ReferenceFrame, edge: float, beards: F32) -> F32:

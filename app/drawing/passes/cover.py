@@ -8,7 +8,9 @@ face.
 Where no part of the person may show, only objects stay in front, and only those that reach in from beyond the face, as
 hands and mugs do: a patch within it that is taken for an object may be skin, and between bars or wires all may be.  A
 lock of hair, which is easily taken for an object or for background, is told by its colour: that of all the hair.  Hair
-that reaches in above the mouth may stay, too; below, a beard may be taken for it.
+that reaches in above the mouth may stay, too; below, a beard may be taken for it.  Glasses are drawn over, and their
+arms beside the face become what is beside them (A. Telea, "An image inpainting technique based on the fast marching
+method", Journal of Graphics Tools 9(1), 2004).
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from guise.aam.landmarks.schemes import (
     LEFT_EYE,
     NOSE_ROOT,
     NOSE_TIP,
+    OUTER_EYE_CORNERS,
     RIGHT_BROW,
     RIGHT_EYE,
     UPPER_LIP_TOP,
@@ -98,7 +101,18 @@ class OcclusionLimits:
     hair_rim_face_widths: float = tuned(0.09, "face widths", "picture.identity")
 
 
-LIMITS = OcclusionLimits()
+@dataclass(frozen=True)
+class ArmsLimits:
+    """Where arms are looked for, face widths from the outer corner of an eye."""
+
+    aside: float = tuned(0.3, "face widths", "deidentify.identity")
+    reach: float = tuned(0.14, "face widths", "deidentify.identity")  # up and down, and inwards
+    share: float = tuned(0.12, "share", "landmarks.parsing")  # of glasses, from which a pixel is an arm's
+    around: float = tuned(0.03, "face widths", "deidentify.identity")  # from which it is painted
+    least: float = tuned(0.5, "share", "landmarks.parsing")  # of glasses, where they are seen best
+
+
+LIMITS, ARMS = OcclusionLimits(), ArmsLimits()
 GLASSES = (FaceClass.GLASSES, LIMITS.frame_share), (FaceClass.GLASSES, LIMITS.lens_share)
 KINDS = (FaceClass.OCCLUDER, LIMITS.object_share), (FaceClass.HAIR, LIMITS.hair_share), *GLASSES
 SURE_KINDS = (
@@ -235,6 +249,32 @@ class Cover:
         places = (np.column_stack([xs.ravel(), ys.ravel()]) + 0.5) / factor - 0.5
         depth = Relief.shipped(self._reference).at(places)[:, None]
         return rows, MeshSampler.build(self._reference, places), depth
+
+
+def cover_arms(face: FaceInFrame, memory: Memory) -> None:
+    """Paint over the arms of glasses in the frame."""
+    if memory.parsed is None or memory.parsed[0].shares[FaceClass.GLASSES].max() < ARMS.least:
+        return
+    (parsing, then), frame, head = memory.parsed, face.frame, face.head
+    width, moved = float(np.ptp(head[:, 0])), mean(head - then, 0)
+    for eye, sign in zip(OUTER_EYE_CORNERS, (-1, 1), strict=True):
+        (x, y), out, reach = head[eye], sign * ARMS.aside * width, ARMS.reach * width
+        x0, x1 = sorted((x - sign * reach, x + out))
+        left, top, w, h = frame.align_roi(x0, y - reach, x1, y + reach)
+        if min(w, h) < 2:
+            continue
+        here = parsing.from_place(*((left, top) - moved))
+        shares = cv2.warpAffine(
+            here.shares[FaceClass.GLASSES],
+            here.to_cells,
+            (w, h),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        )
+        arms = (shares > ARMS.share).astype(np.uint8)
+        if arms.any():
+            part = np.ascontiguousarray(frame.read_yuv(left, top, w, h))
+            made = cv2.inpaint(part, arms, ARMS.around * width, cv2.INPAINT_TELEA)
+            frame.write_yuv(left, top, np.asarray(made, np.uint8))
 
 
 class DonorGlasses:
