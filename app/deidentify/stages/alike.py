@@ -20,7 +20,7 @@ class AlikeLimits:
     """When and how faces are compared: cosines of the sums of signatures."""
 
     interval_frames: int = 8  # from one frame to the next
-    alike: float = 0.42  # from which another face is tried; of 40 photos seven reach it with the first
+    alike: float = 0.42  # from which another face is tried; of 40 photos nine reach it with the first
     same: float = 0.6  # from which a face that no other hides better is covered
     donors: int = 4  # that are tried at most, as all is rendered again
 
