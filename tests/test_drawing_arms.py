@@ -8,7 +8,7 @@ from guise.aam.landmarks.schemes import LEFT_EYE_OUTER
 from guise.aam.parsing import FaceClass, FaceParsing
 from guise.app.drawing.face import FaceInFrame
 from guise.app.drawing.memory import Memory
-from guise.app.drawing.passes.cover import cover_arms
+from guise.app.drawing.passes.cover import Arms
 from guise.app.media import Frame
 
 
@@ -28,6 +28,6 @@ def test_an_arm_beside_the_eye_becomes_skin(kind: FaceClass) -> None:
     shares[FaceClass.SKIN][here], shares[kind][here] = 0, 1
     frame, memory = Frame.from_rgb(rgb), Memory()
     memory.parsed = FaceParsing(shares, to_picture, np.zeros((2, 4))), head
-    cover_arms(FaceInFrame(frame, head, head), memory)
+    Arms().cover(FaceInFrame(frame, head, head), memory)
     seen = frame.rgb()[y, x + 15 : x + 35].mean()
     assert (seen > 120) == (kind is FaceClass.GLASSES)

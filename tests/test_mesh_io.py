@@ -211,7 +211,7 @@ def test_materials_and_pictures_go_along(tmp_path: Path) -> None:
 def test_what_is_no_mesh_file_is_said(tmp_path: Path) -> None:
     (tmp_path / "head.stl").touch()
     for name, said in (
-        ("head.stl", "suffix must be .obj, .ply, .glb or .gltf"),
+        ("head.stl", "suffix must be .obj, .ply, .glb, .gltf or .vrm"),
         ("no.obj", "does not exist"),
     ):
         with pytest.raises(MeshError, match=said):

@@ -20,7 +20,7 @@ import numpy as np
 
 from guise.aam.landmarks import FaceTracker
 from guise.aam.landmarks.builtin import BuiltinLandmarker
-from guise.aam.landmarks.schemes import IBUG68
+from guise.aam.landmarks.schemes import IBUG68, JAW
 from guise.aam.rig.names import ARKIT_NAMES, FULL_LOOK_DEGREES, INDEX
 from guise.aam.rig.sight import see
 from guise.aam.solid_shape import SolidPrior, SolidTracker
@@ -67,7 +67,7 @@ def clip_rows(video: Path, number: int) -> Iterator[dict[str, Any]]:
             points = face.points.astype(np.float64)
             pose = heads.update(points).pose
             if k < len(values) and np.isfinite(values[k]).all():
-                away = np.linalg.norm(points - theirs[k], axis=1).mean() / np.ptp(theirs[k, :17, 0])
+                away = np.linalg.norm(points - theirs[k], axis=1).mean() / np.ptp(theirs[k, JAW, 0])
                 if away < OFF:
                     taken.append(k)
                     seen.append(see(rgb, points, pose))

@@ -34,7 +34,7 @@ from guise.app.drawing.look import Kind, Look
 from guise.app.drawing.memory import Memory
 from guise.app.drawing.passes.blend import Blend
 from guise.app.drawing.passes.brows import DrawnBrows, HeadBrows
-from guise.app.drawing.passes.cover import Cover, DonorGlasses, cover_arms, shown_mask
+from guise.app.drawing.passes.cover import Arms, Cover, DonorGlasses, shown_mask
 from guise.app.drawing.passes.eyes import Apertures, Eyeballs, LidCloser
 from guise.app.drawing.passes.forehead import Hairline, outward
 from guise.app.drawing.passes.irises import Gaze, IrisChange, IrisTint
@@ -177,7 +177,7 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look, *, shows_skin: bool =
     drawn_brows = DrawnBrows(reference)
     alpha = _alpha(reference, FEATHER if shows_skin else NARROW_FEATHER, beards)
     blend, rest = Blend(relief, alpha, look.renderer), texture.transfer.source
-    arms = () if shows_skin or look.glasses == "own" else (cover_arms,)
+    arms = () if shows_skin or look.glasses == "own" else (Arms().cover,)
     looks = (Gaze(irises.source, person.at_rest).follow,) if irises else ()
     glasses = _glasses(donor, texture.transfer, reference) if look.glasses == "keep" else ()
     seeing = _seeing(texture, cover, silhouette, person)

@@ -251,30 +251,36 @@ class Cover:
         return rows, MeshSampler.build(self._reference, places), depth
 
 
-def cover_arms(face: FaceInFrame, memory: Memory) -> None:
-    """Paint over the arms of glasses in the frame."""
-    if memory.parsed is None or memory.parsed[0].shares[FaceClass.GLASSES].max() < ARMS.least:
-        return
-    (parsing, then), frame, head = memory.parsed, face.frame, face.head
-    width, moved = float(np.ptp(head[:, 0])), mean(head - then, 0)
-    for eye, sign in zip(OUTER_EYE_CORNERS, (-1, 1), strict=True):
-        (x, y), out, reach = head[eye], sign * ARMS.aside * width, ARMS.reach * width
-        x0, x1 = sorted((x - sign * reach, x + out))
-        left, top, w, h = frame.align_roi(x0, y - reach, x1, y + reach)
-        if min(w, h) < 2:
-            continue
-        here = parsing.from_place(*((left, top) - moved))
-        shares = cv2.warpAffine(
-            here.shares[FaceClass.GLASSES],
-            here.to_cells,
-            (w, h),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        )
-        arms = (shares > ARMS.share).astype(np.uint8)
-        if arms.any():
-            part = np.ascontiguousarray(frame.read_yuv(left, top, w, h))
-            made = cv2.inpaint(part, arms, ARMS.around * width, cv2.INPAINT_TELEA)
-            frame.write_yuv(left, top, np.asarray(made, np.uint8))
+class Arms:
+    """The arms of a person's glasses beside the face.   limits : where they are looked for."""
+
+    def __init__(self, limits: ArmsLimits = ARMS) -> None:
+        self._limits = limits
+
+    def cover(self, face: FaceInFrame, memory: Memory) -> None:
+        """Paint over the arms of glasses in the frame."""
+        if memory.parsed is None or memory.parsed[0].shares[FaceClass.GLASSES].max() < self._limits.least:
+            return
+        (parsing, then), frame, head = memory.parsed, face.frame, face.head
+        width, moved = float(np.ptp(head[:, 0])), mean(head - then, 0)
+        for eye, sign in zip(OUTER_EYE_CORNERS, (-1, 1), strict=True):
+            (x, y), out, reach = head[eye], sign * self._limits.aside * width, self._limits.reach * width
+            x0, x1 = sorted((x - sign * reach, x + out))
+            left, top, w, h = frame.align_roi(x0, y - reach, x1, y + reach)
+            if min(w, h) < 2:
+                continue
+            here = parsing.from_place(*((left, top) - moved))
+            shares = cv2.warpAffine(
+                here.shares[FaceClass.GLASSES],
+                here.to_cells,
+                (w, h),
+                flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            )
+            arms = (shares > self._limits.share).astype(np.uint8)
+            if arms.any():
+                part = np.ascontiguousarray(frame.read_yuv(left, top, w, h))
+                made = cv2.inpaint(part, arms, self._limits.around * width, cv2.INPAINT_TELEA)
+                frame.write_yuv(left, top, np.asarray(made, np.uint8))
 
 
 class DonorGlasses:
