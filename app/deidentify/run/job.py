@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -21,7 +21,7 @@ from guise.app.deidentify.run.planning import (
     propose_tracks,
     things,
 )
-from guise.app.deidentify.run.redrawing import redrawn
+from guise.app.deidentify.run.redrawing import redrawn, telling_segments
 from guise.app.deidentify.run.results import beside, report_of, write_reports, write_review
 from guise.app.deidentify.stages.case import PLACES, Case, track_json
 from guise.app.deidentify.stages.jobs import Job, result_of
@@ -205,12 +205,12 @@ class _Stages:
         """Up to the proposed actions."""
         case = self.case
         self._once("scan.json", lambda: scan(case.input, part=case.options.read).as_json())
-        self._map("detect", len(case.scan.segments))
+        self._map("detect", range(len(case.scan.segments)))
         self._once("link.json", lambda: link_tracks(case))
-        self._map("person", len(case.linked))
+        self._map("person", range(len(case.linked)))
         self._once("people.json", lambda: number_people(case))
         self._forget_other_region()
-        self._map("fit", len(case.scan.segments))
+        self._map("fit", range(len(case.scan.segments)))
         self._once(THINGS, lambda: things(case))
         self._once("proposed.json", lambda: [track_json(track) for track in propose_tracks(case)])
 
@@ -233,19 +233,21 @@ class _Stages:
             case.work.save_arrays("plan.npz", **plan_faces(case, case.tracks))
 
     def render(self, say: Say) -> None:
-        """All segments of the output, again while somebody is still recognised in them."""
-        self._map("render", len(self.case.scan.segments))
-        while redrawn(self.case, say):
-            self.case = Case(self.case.work)
-            self._map("render", len(self.case.scan.segments))
+        """All segments of the output, those that tell most first, and again while somebody is still recognised."""
+        every = tuple(range(len(self.case.scan.segments)))
+        for segments in dict.fromkeys((telling_segments(self.case) or every, every)):
+            self._map("render", segments)
+            while redrawn(self.case, say):
+                self.case = Case(self.case.work)
+                self._map("render", segments)
 
     def _once(self, name: str, make: Callable[[], Any]) -> None:
         if not self.case.work.has(name):
             self.case.work.save_json(name, make())
 
-    def _map(self, stage: str, count: int) -> None:
+    def _map(self, stage: str, numbers: Iterable[int]) -> None:
         work, finished = self.case.work, 0
-        jobs = [Job(stage, str(work.folder), i) for i in range(count)]
+        jobs = [Job(stage, str(work.folder), i) for i in numbers]
         missing = [job for job in jobs if not work.has(result_of(stage, job.index))]
 
         def done(job: Job) -> None:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from guise.app.deidentify.covers import REASONS, RECOGNISED
 from guise.app.deidentify.run.planning import donors_of, plan_faces
 from guise.app.deidentify.stages.alike import LIMITS, likeness
 from guise.app.deidentify.stages.case import Case, track_json
 from guise.app.deidentify.tracks import Track
+from guise.app.swapping.policy import SWAPPED
 from guise.common.progress import Say
 
 TRIED = "tried.json"  # by person, the donors that were drawn, and how alike the person was to themselves
@@ -16,9 +19,12 @@ COVER = ""
 
 
 def redrawn(case: Case, say: Say) -> bool:
-    """Plan another face, or a cover, of whoever is recognised, and forget what was rendered; False if nobody is."""
-    renders = (case.work.load_json(f"render.{k}.json") for k in range(len(case.scan.segments)))
-    alike = likeness(one["signatures"] for one in renders)
+    """Plan another face, or a cover, of whoever is recognised, and forget what was rendered; False if nobody is.
+
+    Only what has been rendered counts.
+    """
+    names = [f"render.{k}.json" for k in range(len(case.scan.segments))]
+    alike = likeness(case.work.load_json(name)["signatures"] for name in names if case.work.has(name))
     shown = {track.person: track for track in case.tracks if track.action == "swap"}
     tried: dict[str, dict[str, float]] = case.work.load_json(TRIED) if case.work.has(TRIED) else {}
     changes = {}
@@ -40,6 +46,15 @@ def redrawn(case: Case, say: Say) -> bool:
     case.work.save_json("tracks.json", [track_json(track) for track in tracks])
     case.work.save_arrays("plan.npz", **plan_faces(case, tracks))
     return True
+
+
+def telling_segments(case: Case) -> tuple[int, ...]:
+    """For each person who is drawn the segment that shows them longest: enough to tell whether they are recognised."""
+    spans = np.array([case.span(k)[0] for k in range(len(case.scan.segments))])
+    drawn = case.plan["done"] == SWAPPED
+    where = np.searchsorted(spans, case.plan["frame"][drawn], side="right") - 1
+    people = np.array([case.people[track] for track in case.plan["track"][drawn].tolist()], np.int64)
+    return tuple(sorted({int(np.bincount(where[people == who]).argmax()) for who in np.unique(people)}))
 
 
 def _next(case: Case, track: Track, tried: dict[str, float]) -> str:
