@@ -29,7 +29,8 @@ def test_the_segment_that_shows_somebody_longest_tells(
     rows = [(frame, track, SWAPPED) for track, frames in shown.items() for frame in frames]
     rows += [(frame, 1, COVERED) for frame in range(300, 400)]
     plan = dict(zip(("frame", "track", "done"), np.array(rows).T, strict=True))
+    tracks = [SimpleNamespace(number=number, person=person) for number, person in ((1, 1), (2, 2), (3, 1))]
     case: Any = SimpleNamespace(
-        scan=SimpleNamespace(segments=SPANS), span=SPANS.__getitem__, plan=plan, people={1: 1, 2: 2, 3: 1}
+        scan=SimpleNamespace(segments=SPANS), span=SPANS.__getitem__, plan=plan, tracks=tracks
     )
     assert telling_segments(cast(Case, case)) == expected

@@ -53,7 +53,8 @@ def telling_segments(case: Case) -> tuple[int, ...]:
     spans = np.array([case.span(k)[0] for k in range(len(case.scan.segments))])
     drawn = case.plan["done"] == SWAPPED
     where = np.searchsorted(spans, case.plan["frame"][drawn], side="right") - 1
-    people = np.array([case.people[track] for track in case.plan["track"][drawn].tolist()], np.int64)
+    person = {track.number: track.person for track in case.tracks}
+    people = np.array([person[number] for number in case.plan["track"][drawn].tolist()], np.int64)
     return tuple(sorted({int(np.bincount(where[people == who]).argmax()) for who in np.unique(people)}))
 
 
