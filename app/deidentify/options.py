@@ -106,8 +106,8 @@ class DeidentifyOptions:
     )
     own_glasses: OwnGlasses = option(
         "remove",
-        "The person's own glasses: taken off, or kept before the drawn face. Kept ones help an attacker: by the "
-        "face, the best one found one more of 21 people.",
+        "The person's own glasses: taken off, or kept before the drawn face. Kept ones help whoever looks for "
+        "the person.",
     )
     start: str | None = option(
         None,
