@@ -51,7 +51,7 @@ docs: $(READY) $(GL)
 	$(PY) docs/make_cli.py
 	$(PY) docs/make_pictures.py
 
-$(READY): pyproject.toml .ci/make-venv
+$(READY): pyproject.toml setup.py $(wildcard render/native/*) .ci/make-venv
 	sh .ci/make-venv "$(PYTHON)" "$(VENV)"
 	@touch $@
 

@@ -47,20 +47,24 @@ class Texels:
         check_alpha(alpha)
         if alpha.shape != self._shape:
             raise RendererError(f"alpha must be {self._shape}, got {alpha.shape}")
-        self._alpha = cv2.convertScaleAbs(alpha, alpha=255.0)  # rounded to nearest
+        self.alpha = np.asarray(cv2.convertScaleAbs(alpha, alpha=255.0), np.uint8)  # rounded to nearest
 
-    def load(self, texture: Texture) -> U8:
-        """Load a (th, tw, 3) uint8 or float32 texture in 0..255, rounded to nearest; returns the RGBA picture."""
+    def rounded(self, texture: Texture) -> U8:
+        """A (th, tw, 3) uint8 or float32 texture in 0..255 as bytes, rounded to nearest."""
         if texture.shape != (*self._shape, 3):
             raise RendererError(f"texture must be {(*self._shape, 3)}, got {texture.shape}")
         if texture.dtype == np.float32:
             # adding zeros is the cheapest conversion that both rounds and saturates
             cv2.add(np.asarray(texture, np.float32), self._zeros, dst=self._rounded, dtype=cv2.CV_8U)
-            texture = self._rounded
-        elif texture.dtype != np.uint8:
+            return self._rounded
+        if texture.dtype != np.uint8:
             raise RendererError(f"texture must be uint8 or float32, got {texture.dtype}")
-        cv2.cvtColor(texture, cv2.COLOR_RGB2RGBA, dst=self.rgba)
-        cv2.insertChannel(self._alpha, self.rgba, 3)  # both together take half the time of mixChannels
+        return np.ascontiguousarray(texture)
+
+    def load(self, texture: Texture) -> U8:
+        """Load such a texture with the alpha; returns the RGBA picture."""
+        cv2.cvtColor(self.rounded(texture), cv2.COLOR_RGB2RGBA, dst=self.rgba)
+        cv2.insertChannel(self.alpha, self.rgba, 3)  # both together take half the time of mixChannels
         return self.rgba
 
 

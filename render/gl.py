@@ -124,10 +124,10 @@ class GLCompositor(Closing):
         The viewport is the whole mesh, of which the scissor keeps the box: clipping triangles at the edge of
         a smaller viewport would move their other edges a little.
         """
-        self._targets = self._targets.holding(box.width, box.height)
+        self._targets, mesh = self._targets.holding(box.width, box.height), self._mesh
         whole = outline_box(snapped)
         pixels = snapped / SUBPIXELS - (whole.x0, whole.y0)
-        self._triangles.write(self._mesh.triangles[back_first(snapped, self._mesh)].tobytes())
+        self._triangles.write(mesh.triangles[back_first(snapped, mesh.triangles, mesh.grid)].tobytes())
         self._positions.write(to_clip_space(pixels, whole.width, whole.height).tobytes())
         self._face.write(rgba)
         self._face.use(0)

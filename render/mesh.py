@@ -46,24 +46,15 @@ class TexturedMesh:
             object.__setattr__(self, name, array)
 
     @cached_property
-    def grid(self) -> GridTriangles:
-        """What of the triangles' places on the grid every frame needs."""
-        return GridTriangles(self.uv.astype(np.float64), self.triangles)
+    def grid(self) -> F64:
+        """(7, t) of each triangle on the grid, texels, which every frame needs.
 
-
-class GridTriangles:
-    """Triangles (t, 3) on the reference grid, at points uv (v, 2) in texture pixels.
-
-    first, second : (2, t) the sides from their first corners to the others.
-    corner : (2, t) their first corners.
-    turned : (t,) whether their area is negative.
-    """
-
-    def __init__(self, uv: F64, triangles: I32) -> None:
-        corners = uv[triangles]
-        self.corner = np.ascontiguousarray(corners[:, 0].T)
-        self.first, self.second = (np.ascontiguousarray((corners[:, k] - corners[:, 0]).T) for k in (1, 2))
-        self.turned = _areas(uv, triangles) < 0
+        Its first side x, y and its second, from its first corner; that corner; whether its area is negative.
+        """
+        corners = self.uv.astype(np.float64)[self.triangles]
+        sides = (corners[:, k] - corners[:, 0] for k in (1, 2))
+        turned = _areas(self.uv.astype(np.float64), self.triangles) < 0
+        return np.ascontiguousarray(np.column_stack([*sides, corners[:, 0], turned]).T)
 
 
 class Box(NamedTuple):
@@ -94,12 +85,14 @@ class Box(NamedTuple):
         return image[self.y0 : self.y1, self.x0 : self.x1]
 
 
-def back_first(snapped: F64, mesh: TexturedMesh) -> Int:
+def back_first(snapped: F64, triangles: I32, grid: F64) -> Int:
     """Order (t,) in which triangles of snapped vertices are drawn: those turned over from the grid come first.
+
+    grid : (7, t), see `TexturedMesh.grid`.
 
     Where a turned face folds over itself, what is seen from behind lies behind what is seen from the front.
     """
-    turned = (_areas(snapped, mesh.triangles) < 0) != mesh.grid.turned
+    turned = (_areas(snapped, triangles) < 0) != grid[6]
     return np.asarray((~turned).argsort(kind="stable"))
 
 
@@ -148,63 +141,53 @@ def outline_box(snapped: F64) -> Box:
     return Box(int(low[0]), int(low[1]), int(high[0]), int(high[1]))
 
 
-class Rasteriser:
-    """Finds the triangle of every pixel, exactly."""
+def rasterise(snapped: F64, triangles: I32, ids: U8 | NDArray[np.uint16], order: Int | None = None) -> None:
+    """Write into each pixel of `ids` the index of the last triangle that covers its centre.
 
-    def __init__(self, triangles: I32) -> None:
-        self._triangles = triangles
-        self._numbers = np.arange(0)
+    A pixel is covered when its centre lies in the triangle, on its left edge or on its top edge: GL's
+    rule, so that neighbouring triangles leave no hole and share no pixel. Pixels of no triangle keep
+    their value.
 
-    def draw(self, snapped: F64, ids: U8 | NDArray[np.uint16], order: Int | None = None) -> None:
-        """Write into each pixel of `ids` the index of the last triangle that covers its centre.
-
-        A pixel is covered when its centre lies in the triangle, on its left edge or on its top edge: GL's
-        rule, so that neighbouring triangles leave no hole and share no pixel. Pixels of no triangle keep
-        their value.
-
-        Parameters
-        ----------
-        snapped : (v, 2) float64, whole 1/256 pixels.
-        ids : (h, w) uint8 or uint16, C-contiguous, written in place.
-        order : (t,) in which they are drawn, by default that of the triangles.
-        """
-        height, width = ids.shape
-        order = np.arange(len(self._triangles)) if order is None else order
-        triangle, row, left, right = spans(snapped, self._triangles[order], width, height)
-        length = right - left
-        pixels = (row * width + left - (length.cumsum() - length)).repeat(length)
-        pixels += self._count_to(len(pixels))
-        ids.reshape(-1)[pixels] = order.astype(ids.dtype)[triangle].repeat(length)  # the last of equals stays
-
-    def _count_to(self, total: int) -> Int:
-        """0 .. total - 1, kept between frames: fresh memory of this size costs more than the sum."""
-        if total > len(self._numbers):
-            self._numbers = np.arange(total + total // 4)
-        return self._numbers[:total]
+    Parameters
+    ----------
+    snapped : (v, 2) float64, whole 1/256 pixels.
+    triangles : (t, 3).
+    ids : (h, w) uint8 or uint16, C-contiguous, written in place.
+    order : (t,) in which they are drawn, by default that of the triangles.
+    """
+    height, width = ids.shape
+    order = np.arange(len(triangles)) if order is None else order
+    triangle, row, left, right = spans(snapped, triangles[order], width, height)
+    length = right - left
+    pixels = (row * width + left - (length.cumsum() - length)).repeat(length)
+    pixels += np.arange(len(pixels))
+    ids.reshape(-1)[pixels] = order.astype(ids.dtype)[triangle].repeat(length)  # the last of equals stays
 
 
-def texture_gradients(snapped: F64, mesh: TexturedMesh) -> F64:
+def texture_gradients(snapped: F64, triangles: I32, grid: F64) -> F64:
     """The affine map from pixels to texture pixels of each triangle.
 
     Parameters
     ----------
     snapped : (v, 2) float64, whole 1/256 pixels.
+    triangles, grid : (t, 3) and (7, t), see `TexturedMesh`.
 
     Returns
     -------
     (6, t) float64: rows a, b, c, d, e, f with u = a x + b y + c and v = d x + e y + f; zero for triangles
     without area, which cover no pixel.
     """
-    (x, x1, x2), (y, y1, y2) = (snapped[mesh.triangles] / SUBPIXELS).T
+    (x, x1, x2), (y, y1, y2) = (snapped[triangles] / SUBPIXELS).T
     dx1, dy1, dx2, dy2 = x1 - x, y1 - y, x2 - x, y2 - y
     area = dx1 * dy2 - dx2 * dy1
     some = area != 0
     inverse = some / (area + ~some)
-    grid, made = mesh.grid, np.empty((2, 3, len(area)))
+    first, second, corner = grid[:2], grid[2:4], grid[4:6]
+    made = np.empty((2, 3, len(area)))
     along_x, along_y = made[:, 0], made[:, 1]
-    along_x[:] = (grid.first * dy2 - grid.second * dy1) * inverse
-    along_y[:] = (grid.second * dx1 - grid.first * dx2) * inverse
-    made[:, 2] = (grid.corner - along_x * x - along_y * y) * some
+    along_x[:] = (first * dy2 - second * dy1) * inverse
+    along_y[:] = (second * dx1 - first * dx2) * inverse
+    made[:, 2] = (corner - along_x * x - along_y * y) * some
     return made.reshape(6, -1)
 
 

@@ -20,6 +20,7 @@ from clips import cut, pictures, tags
 from made_up import SAMPLES
 
 from guise.aam.landmarks.schemes import CHIN, OUTER_EYE_CORNERS
+from guise.common.kernels import COMPILED
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -160,7 +161,7 @@ def skip_without_index(done: subprocess.CompletedProcess[str]) -> None:
 def copy_of_tree(to: Path) -> Path:
     """The source without what is not part of it (caches, build folders)."""
     to.mkdir()
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, to)
     for folder in (*FOLDERS, "sample_videos"):
         shutil.copytree(ROOT / folder, to / folder, ignore=shutil.ignore_patterns("__pycache__"))
@@ -218,7 +219,8 @@ def test_every_file_of_the_packages_is_in_the_wheel(contents: set[str]) -> None:
         for path in (ROOT / folder).rglob("*")
         if path.is_file() and path.suffix != ".pyc" and not path.name.startswith(".")
     }
-    assert ours - contents == set()
+    sources = {name for name in ours if name.startswith("guise/render/native/")}
+    assert ours - contents == sources
     assert {"guise/aam/data/face81.json", "guise/render/shaders/warp.vert.glsl", "guise/py.typed"} <= ours
 
 
@@ -235,6 +237,14 @@ def test_nothing_but_code_data_and_the_samples_that_commands_use_is_in_the_wheel
     samples = {name for name in contents if name.startswith("guise/samples/")}
     assert {Path(name).parent.name for name in samples} == {"samples", "p01", "p06", "heads"}
     assert not [name for name in contents if re.search(r"/(tests|benchmarks|training)/", name)]
+
+
+@pytest.mark.slow
+def test_the_wheel_holds_kernels_for_every_python_from_the_oldest_on(wheel: Path, contents: set[str]) -> None:
+    if COMPILED is None:
+        pytest.skip("no C++ compiler is here")
+    assert "-cp311-abi3-" in wheel.name
+    assert [name for name in contents if name.startswith("guise/common/_kernels.")]
 
 
 @pytest.mark.slow

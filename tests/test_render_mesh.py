@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
-from guise.render.mesh import SUBPIXELS, Box, Rasteriser, TexturedMesh, bounding_box, snap, texture_gradients
+from guise.render.mesh import SUBPIXELS, Box, TexturedMesh, bounding_box, rasterise, snap, texture_gradients
 
 WIDTH, HEIGHT = 13, 11
 
@@ -29,7 +29,7 @@ def covers(corners: list[tuple[int, int]], x: int, y: int) -> bool:
 
 def draw(snapped: np.ndarray, triangles: np.ndarray, width: int = WIDTH, height: int = HEIGHT) -> np.ndarray:
     ids = np.full((height, width), 255, np.uint8)
-    Rasteriser(triangles).draw(snapped, ids)
+    rasterise(snapped, triangles, ids)
     return ids
 
 
@@ -74,7 +74,7 @@ def test_gradients_take_each_corner_to_its_texture_pixel() -> None:
     mesh = TexturedMesh(Delaunay(uv).simplices, uv, 31, 31)
     vertices = rng.uniform(-20, 90, (12, 2))
     snapped = snap(vertices, 12)
-    a, b, c, d, e, f = texture_gradients(snapped, mesh)
+    a, b, c, d, e, f = texture_gradients(snapped, mesh.triangles, mesh.grid)
     for corner_number in range(3):
         vertex = mesh.triangles[:, corner_number]
         x, y = snapped[vertex].T / SUBPIXELS
@@ -85,7 +85,7 @@ def test_gradients_take_each_corner_to_its_texture_pixel() -> None:
 def test_gradients_of_a_triangle_without_area_are_zero() -> None:
     uv = np.array([[0, 0], [4, 0], [0, 4]], np.float32)
     mesh = TexturedMesh(np.array([[0, 1, 2]]), uv, 9, 9)
-    assert not texture_gradients(snap(np.ones((3, 2)), 3), mesh).any()
+    assert not texture_gradients(snap(np.ones((3, 2)), 3), mesh.triangles, mesh.grid).any()
 
 
 @pytest.mark.parametrize(

@@ -85,13 +85,18 @@ def bench(
 ) -> None:
     """Measure how long each stage of a frame takes on this computer, and a whole file beside its transcode."""
     from guise.app.tools.bench import measure, measure_file, prepare
+    from guise.common.kernels import RUNNING
 
     with Stages(console) as stages:
         clip, person, shown = prepare(clip, source, identity, samples, progress=stages, say=console.note)
         timings = measure(clip, person, shown, frames=frames, say=console.note)
         whole = measure_file(clip, person, shown)
     rows = [[t.renderer, t.stage, f"{t.median:.2f}", f"{t.p95:.2f}"] for t in timings]
-    console.grid(f"{clip.name}: milliseconds a frame", ["renderer", "stage", "median", "95 %"], rows)
+    console.grid(
+        f"{clip.name}: milliseconds a frame, kernels of {RUNNING}",
+        ["renderer", "stage", "median", "95 %"],
+        rows,
+    )
     rows = [
         ["wall time, s", f"{whole.seconds:.2f}", f"{whole.transcode_seconds:.2f}", f"{whole.over_transcode:.2f}"],
         [
@@ -105,5 +110,10 @@ def bench(
         f"{clip.name}: all {whole.frames} frames", ["", "swap", "transcode (the limit)", "ratio"], rows
     )
     console.result(
-        {"clip": str(clip), "milliseconds": [t.as_json() for t in timings], "file": whole.as_json()}
+        {
+            "clip": str(clip),
+            "kernels": RUNNING,
+            "milliseconds": [t.as_json() for t in timings],
+            "file": whole.as_json(),
+        }
     )

@@ -15,6 +15,7 @@ import numpy as np
 
 from guise.app.media.encoder import find_codec, library_versions
 from guise.app.media.hardware import DEVICES, ENCODERS, decoder_fault, encoder_fault
+from guise.common.kernels import COMPILED, RUNNING
 from guise.common.version import VERSION
 
 _ENCODERS = {
@@ -107,6 +108,8 @@ def _system() -> Iterator[Finding]:
     yield Finding("system", "Python", True, f"{platform.python_version()} on {platform.platform()}")
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     yield Finding("system", "CPU threads", True, f"{usable} usable of {os.cpu_count()}")
+    slower = "none are compiled, NumPy is slower: install a C++ compiler, then Guise again"
+    yield Finding("system", "kernels", True if COMPILED else None, RUNNING if COMPILED else slower)
 
 
 def _packages() -> Iterator[Finding]:

@@ -1,0 +1,235 @@
+// Included by each instruction set in a namespace of its own: rasterise, sample, blend.
+
+// Whole places clipped to an axis of a size; exact, as the numbers are whole.
+inline i64 within(double place, i64 size) {
+    return place <= 0 ? 0 : place >= double(size) ? size : i64(place);
+}
+
+constexpr double SUBPIXELS = 256;
+
+struct Point {
+    double x, y;
+};
+
+// An edge and the first pixel whose centre is not left of it: numerator and denominator are exact integers.
+struct Edge {
+    double dx, dy, base;
+    Edge(Point a, Point b) : dx(b.x - a.x), dy(b.y - a.y), base(a.x * dy - a.y * dx) {}
+    double crossing(double y) const { return std::ceil((base + y * dx) / ((dy + (dy == 0)) * SUBPIXELS)); }
+};
+
+// Write a triangle's number + 1 into the pixels whose centres it covers, by GL's rule.
+inline void rasterise(const Point *corner, u16 number, u16 *ids, i64 width, i64 height) {
+    Point top = corner[0], middle = corner[1], bottom = corner[2];
+    if (middle.y < top.y) std::swap(top, middle);
+    if (bottom.y < middle.y) std::swap(middle, bottom);
+    if (middle.y < top.y) std::swap(top, middle);
+    const Edge whole(top, bottom), upper(top, middle), lower(middle, bottom);
+    const i64 last = within(std::ceil(bottom.y / SUBPIXELS), height);
+    for (i64 row = within(std::ceil(top.y / SUBPIXELS), height); row < last; ++row) {
+        const double y = double(row) * SUBPIXELS;
+        const double one = whole.crossing(y), other = (y >= middle.y ? lower : upper).crossing(y);
+        const i64 left = within(std::min(one, other), width), right = within(std::max(one, other), width);
+        if (left < right) std::fill(ids + row * width + left, ids + row * width + right, number);
+    }
+}
+
+// What a triangle's pixels are in the texture: u = a x + b y + c, v = d x + e y + f.
+struct Map {
+    float a, b, c, d, e, f;
+};
+
+// Bilinear RGBA at u, v of a texture whose texels are words; as at the border beyond it.
+#if defined(GUISE_SSE)
+inline __m128 texel(const u8 *at) {
+    int word;
+    std::memcpy(&word, at, 4);
+    return _mm_cvtepi32_ps(_mm_cvtepu8_epi32(_mm_cvtsi32_si128(word)));
+}
+inline std::uint32_t bilinear(const u8 *p00, const u8 *p01, const u8 *p10, const u8 *p11, float x, float y) {
+    const __m128 fx = _mm_set1_ps(x), fy = _mm_set1_ps(y);
+    const __m128 a = texel(p00), b = texel(p01), c = texel(p10), d = texel(p11);
+    const __m128 upper = _mm_add_ps(a, _mm_mul_ps(_mm_sub_ps(b, a), fx));
+    const __m128 lower = _mm_add_ps(c, _mm_mul_ps(_mm_sub_ps(d, c), fx));
+    const __m128i whole = _mm_cvtps_epi32(_mm_add_ps(upper, _mm_mul_ps(_mm_sub_ps(lower, upper), fy)));
+    const __m128i half = _mm_packs_epi32(whole, whole);
+    return std::uint32_t(_mm_cvtsi128_si32(_mm_packus_epi16(half, half)));
+}
+#else
+inline std::uint32_t bilinear(const u8 *p00, const u8 *p01, const u8 *p10, const u8 *p11, float x, float y) {
+    std::uint32_t word = 0;
+    for (int k = 0; k < 4; ++k) {
+        const float upper = p00[k] + float(p01[k] - p00[k]) * x, lower = p10[k] + float(p11[k] - p10[k]) * x;
+        word |= std::uint32_t(std::lrint(upper + (lower - upper) * y)) << (8 * k);
+    }
+    return word;
+}
+#endif
+
+struct Picture {
+    const u8 *texels;  // (height, width, 4)
+    i64 width, height;
+
+    // Whether what lies at u, v is read from four texels of the picture, a hair within it.
+    bool holds(float u, float v) const {
+        return u > 0 && v > 0 && u < float(width - 1) - 0.01f && v < float(height - 1) - 0.01f;
+    }
+    std::uint32_t inner(float u, float v) const {
+        const int x = int(u), y = int(v);
+        const u8 *at = texels + 4 * (y * int(width) + x);
+        return bilinear(at, at + 4, at + 4 * width, at + 4 * width + 4, u - float(x), v - float(y));
+    }
+    std::uint32_t outer(float u, float v) const {
+        const float fu = std::floor(u), fv = std::floor(v);
+        const i64 x = i64(fu), y = i64(fv);
+        const i64 x0 = clamp(x, width), x1 = clamp(x + 1, width), y0 = clamp(y, height) * width,
+                  y1 = clamp(y + 1, height) * width;
+        return bilinear(texels + 4 * (y0 + x0), texels + 4 * (y0 + x1), texels + 4 * (y1 + x0),
+                        texels + 4 * (y1 + x1), u - fu, v - fv);
+    }
+    static i64 clamp(i64 place, i64 size) { return place < 0 ? 0 : place >= size ? size - 1 : place; }
+};
+
+inline u8 over_255(unsigned value) {  // value / 255 rounded to nearest, for value <= 255 * 255
+    value += 128;
+    return u8((value + (value >> 8)) >> 8);
+}
+
+// The tables of shaders/blend.frag.glsl: how far a pixel is drawn by its alpha, and its share by the sum around it.
+struct Tables {
+    u8 drawn[256], shares[256];
+    Tables() {
+        for (int k = 0; k < 256; ++k) {
+            drawn[k] = u8(std::nearbyint(std::min(k * (96.0 / 255), 1.0) * 28));
+            shares[k] = u8(std::nearbyint(255 * std::min(std::max(k * (2.0 / (9 * 28)) - 1, 0.0), 1.0)));
+        }
+    }
+};
+
+// A row of the warped picture: colour (w, 3), alpha, and how far each pixel is drawn; zeros where no triangle is.
+struct Row {
+    u8 *colour, *alpha, *drawn;
+};
+inline void warp(const Picture &picture, const Map *maps, const u16 *id, i64 y, i64 w, Row row, const u8 *table) {
+    const float at = float(y);
+    for (i64 x = 0; x < w;) {
+        const u16 now = id[x];
+        i64 end = x + 1;
+        while (end < w && id[end] == now) ++end;
+        if (!now) {
+            std::memset(row.colour + 3 * x, 0, std::size_t(3 * (end - x)));
+            std::memset(row.alpha + x, 0, std::size_t(end - x));
+            x = end;
+            continue;
+        }
+        const Map map = maps[now];
+        const float by = map.b * at, ey = map.e * at;
+        const auto u = [&](i64 k) { return map.a * float(int(k)) + by + map.c; };
+        const auto v = [&](i64 k) { return map.d * float(int(k)) + ey + map.f; };
+        const auto put = [&](std::uint32_t word) {
+            std::memcpy(row.colour + 3 * x, &word, 4);  // the fourth byte is the next pixel's
+            row.alpha[x] = u8(word >> 24);
+        };
+        if (picture.holds(u(x), v(x)) && picture.holds(u(end - 1), v(end - 1))) {
+            for (; x < end; ++x) put(picture.inner(u(x), v(x)));
+        } else {
+            for (; x < end; ++x) put(picture.outer(u(x), v(x)));
+        }
+    }
+    for (i64 x = 0; x < w; ++x) row.drawn[x] = table[row.alpha[x]];
+}
+
+// out := (colour * share + out * (255 - share)) / 255, rounded to nearest.
+inline void blend(const u8 *colour, const u8 *share, i64 count, u8 *out) {
+    for (i64 k = 0; k < count; ++k) {
+        const u16 sum = u16(u16(colour[k] * share[k]) + u16(out[k] * u8(255 - share[k])) + 128);
+        out[k] = u8(u16(sum + (sum >> 8)) >> 8);
+    }
+}
+
+void composite(Array<const u8> texture, Array<const u8> alpha, Array<const double> snapped,
+               Array<const i32> triangles, Array<const double> grid, double opacity, Array<u8> target) {
+    const i64 th = texture.shape[0], tw = texture.shape[1], count = triangles.shape[0], points = snapped.shape[0];
+    require(texture.shape[2] == 3 && texture.stride == 3 * tw, "texture must be (th, tw, 3)");
+    require(alpha.shape[0] == th && alpha.shape[1] == tw && alpha.stride == tw, "alpha must be (th, tw)");
+    require(snapped.shape[1] == 2 && snapped.stride == 2, "snapped must be (v, 2)");
+    require(triangles.shape[1] == 3 && triangles.stride == 3 && count < 65535, "triangles must be (t, 3)");
+    require(grid.shape[0] == 7 && grid.shape[1] == count && grid.stride == count, "grid must be (7, t)");
+    require(target.shape[2] == 3, "target must be (h, w, 3)");
+    static const Tables tables;
+
+    double low_x = INFINITY, low_y = INFINITY, high_x = -INFINITY, high_y = -INFINITY;
+    for (i64 k = 0; k < points; ++k) {
+        const double x = snapped.data[2 * k], y = snapped.data[2 * k + 1];
+        low_x = std::min(low_x, x), high_x = std::max(high_x, x);
+        low_y = std::min(low_y, y), high_y = std::max(high_y, y);
+    }
+    const i64 x0 = within(std::ceil(low_x / SUBPIXELS), target.shape[1]), y0 = within(std::ceil(low_y / SUBPIXELS), target.shape[0]);
+    const i64 w = within(std::floor(high_x / SUBPIXELS) + 1, target.shape[1]) - x0;
+    const i64 h = within(std::floor(high_y / SUBPIXELS) + 1, target.shape[0]) - y0;
+    if (w <= 0 || h <= 0) return;
+
+    u16 *ids = memory<0, u16>(w * h), *sums = memory<1, u16>(w);
+    u8 *texels = memory<2, u8>(4 * tw * th), *share = memory<3, u8>(3 * w);
+    Row rows[3];
+    for (Row &row : rows) {
+        row.colour = memory<4, u8>(3 * (5 * w + 1)) + (&row - rows) * (5 * w + 1);
+        row.alpha = row.colour + 3 * w + 1;
+        row.drawn = row.alpha + w;
+    }
+    Map *maps = memory<5, Map>(count + 1);
+    std::fill(ids, ids + w * h, u16(0));
+    for (i64 k = 0; k < tw * th; ++k) {
+        u8 *texel = texels + 4 * k;
+        for (int c = 0; c < 3; ++c) texel[c] = texture.data[3 * k + c];
+        texel[3] = alpha.data[k];
+    }
+    // Triangles that are turned over from the grid lie behind the others.
+    for (int front = 0; front < 2; ++front) {
+        for (i64 t = 0; t < count; ++t) {
+            Point corner[3];
+            for (int k = 0; k < 3; ++k) {
+                const i64 at = triangles.data[3 * t + k];
+                require(at >= 0 && at < points, "triangles must name points");
+                corner[k] = {snapped.data[2 * at] - double(x0) * SUBPIXELS, snapped.data[2 * at + 1] - double(y0) * SUBPIXELS};
+            }
+            const double area = (corner[1].x - corner[0].x) * (corner[2].y - corner[0].y) -
+                                (corner[1].y - corner[0].y) * (corner[2].x - corner[0].x);
+            const bool turned = (area < 0) != (grid.data[6 * count + t] != 0);
+            if (turned == bool(front)) continue;
+            rasterise(corner, u16(t + 1), ids, w, h);
+            const double x = corner[0].x / SUBPIXELS, y = corner[0].y / SUBPIXELS;
+            const double dx1 = corner[1].x / SUBPIXELS - x, dy1 = corner[1].y / SUBPIXELS - y;
+            const double dx2 = corner[2].x / SUBPIXELS - x, dy2 = corner[2].y / SUBPIXELS - y;
+            const double size = dx1 * dy2 - dx2 * dy1, inverse = size != 0 ? 1 / size : 0;
+            double way[2][3];
+            for (int k = 0; k < 2; ++k) {
+                const double first = grid.data[k * count + t], second = grid.data[(2 + k) * count + t];
+                way[k][0] = (first * dy2 - second * dy1) * inverse;
+                way[k][1] = (second * dx1 - first * dx2) * inverse;
+                way[k][2] = size != 0 ? grid.data[(4 + k) * count + t] - way[k][0] * x - way[k][1] * y : 0;
+            }
+            maps[t + 1] = {float(way[0][0]), float(way[0][1]), float(way[0][2]),
+                           float(way[1][0]), float(way[1][1]), float(way[1][2])};
+        }
+    }
+
+    // Three rows at a time: the share of a row needs those above and below it.
+    const Picture picture{texels, tw, th};
+    u8 levels[256];
+    for (int k = 0; k < 256; ++k) levels[k] = u8(std::nearbyint(k * opacity));
+    for (i64 y = 0; y <= h; ++y) {
+        if (y < h) warp(picture, maps, ids + y * w, y, w, rows[y % 3], tables.drawn);
+        if (y == 0) continue;
+        const i64 row = y - 1;
+        const Row &line = rows[row % 3];
+        const u8 *above = rows[(row > 0 ? row - 1 : row) % 3].drawn, *at = line.drawn, *below = rows[(y < h ? y : row) % 3].drawn;
+        for (i64 x = 0; x < w; ++x) sums[x] = u16(above[x] + at[x] + below[x]);
+        for (i64 x = 0; x < w; ++x) {
+            const unsigned sum = sums[x > 0 ? x - 1 : x] + sums[x] + sums[x + 1 < w ? x + 1 : x];
+            const u8 a = levels[over_255(unsigned(line.alpha[x]) * tables.shares[sum])];
+            share[3 * x] = share[3 * x + 1] = share[3 * x + 2] = a;
+        }
+        blend(line.colour, share, 3 * w, target.row(y0 + row) + 3 * x0);
+    }
+}

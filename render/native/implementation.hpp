@@ -1,0 +1,22 @@
+// Compiled once for each instruction set, after GUISE_NAMESPACE and the headers of its intrinsics.
+
+namespace guise {
+namespace GUISE_NAMESPACE {
+
+inline void require(bool fits, const char *why) {
+    if (!fits) throw std::invalid_argument(why);
+}
+
+// Memory of this thread that is kept from call to call; its values are what the last call left.
+template <int Place, class T> T *memory(i64 size) {
+    static thread_local std::vector<T> kept;
+    if (i64(kept.size()) < size) kept.resize(std::size_t(size));
+    return kept.data();
+}
+
+#include "composite.hpp"
+
+const Kernels KERNELS = {composite};
+
+}  // namespace GUISE_NAMESPACE
+}  // namespace guise

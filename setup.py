@@ -1,0 +1,38 @@
+"""Guise's compiled kernels.  Where no compiler is, Guise is installed without them and runs their NumPy twins."""
+
+import sys
+
+from setuptools import Extension, setup
+from setuptools.command.bdist_wheel import bdist_wheel
+
+SOURCES = "module", "plain", "sse41", "avx2"
+HEADERS = "arrays", "kernels", "standard", "implementation", "composite"
+# No contraction to fused products: every instruction set gives the same bytes.
+FLAGS = (
+    ["/std:c++17", "/O2"] if sys.platform == "win32" else ["-std=c++17", "-O3", "-g0", "-ffp-contract=off"]
+)
+
+
+class StableWheel(bdist_wheel):
+    """A wheel for this and every later Python, as the kernels use only the stable part of its interface."""
+
+    def get_tag(self):
+        python, abi, platform = super().get_tag()
+        return ("cp311", "abi3", platform) if python.startswith("cp") else (python, abi, platform)
+
+
+setup(
+    ext_modules=[
+        Extension(
+            "guise.common._kernels",
+            [f"render/native/{name}.cpp" for name in SOURCES],
+            depends=[f"render/native/{name}.hpp" for name in HEADERS],
+            define_macros=[("Py_LIMITED_API", "0x030b0000")],
+            extra_compile_args=FLAGS,
+            language="c++",
+            py_limited_api=True,
+            optional=True,
+        )
+    ],
+    cmdclass={"bdist_wheel": StableWheel},
+)

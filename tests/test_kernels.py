@@ -1,0 +1,129 @@
+"""Each compiled kernel beside its NumPy twin, and every instruction set beside the others."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import Delaunay
+
+import guise.render  # noqa: F401, so that its kernels are known
+from guise.common.kernels import COMPILED, RUNNING, TWINS
+from guise.render.mesh import TexturedMesh, snap
+
+MOST_LEVELS = 1  # of 255 between a kernel and its twin in a picture
+compiled = pytest.mark.skipif(COMPILED is None, reason="no kernels are built here")
+seeds = st.integers(0, 2**32 - 1)
+
+
+def both(name: str, given: Callable[[], tuple[Any, ...]], outputs: tuple[int, ...]) -> list[list[np.ndarray]]:
+    """What the twin, then the kernel of each instruction set, write into those of the arguments."""
+    made = []
+    arguments = given()
+    TWINS[name](*arguments)
+    made.append([arguments[k] for k in outputs])
+    for which in COMPILED.sets():
+        COMPILED.use(which)
+        arguments = given()
+        getattr(COMPILED, name)(*arguments)
+        made.append([arguments[k] for k in outputs])
+    COMPILED.use(RUNNING)
+    return made
+
+
+def assert_alike(made: list[list[np.ndarray]], most: float) -> None:
+    """The twin's within a distance of the kernels', and these the same to the last bit."""
+    twin, *kernels = made
+    for one in kernels[1:]:
+        for array, other in zip(one, kernels[0], strict=True):
+            np.testing.assert_array_equal(array, other)
+    for array, other in zip(twin, kernels[0], strict=True):
+        away = np.abs(array.astype(np.float64) - other.astype(np.float64))
+        assert away.max(initial=0) <= most, f"{away.max()} at {np.unravel_index(away.argmax(), away.shape)}"
+
+
+@compiled
+@settings(max_examples=60, deadline=None)
+@given(seeds, st.integers(4, 40), st.sampled_from([0.3, 1.0]), st.sampled_from([0.5, 3.0, 12.0]))
+def test_composite(seed: int, points: int, opacity: float, spread: float) -> None:
+    rng = np.random.default_rng(seed)
+    height, width = (int(side) for side in rng.integers(8, 40, 2))
+    uv = rng.uniform(0, (width - 1, height - 1), (points, 2)).astype(np.float32)
+    mesh = TexturedMesh(Delaunay(uv).simplices.astype(np.int32), uv, height, width)
+    # folded over itself, partly beside the picture, and some triangles without area
+    vertices = 2 * uv + rng.normal(0, spread, uv.shape) - 10
+    vertices[: points // 4] = np.round(vertices[: points // 4])
+    snapped = snap(vertices, points)
+    texture, alpha, frame = (
+        rng.integers(0, 256, shape, np.uint8) for shape in ((height, width, 3), (height, width), (60, 70, 3))
+    )
+
+    def arguments() -> tuple[Any, ...]:
+        target = frame.copy()[3:-2, 4:-7]
+        return texture, alpha, snapped, mesh.triangles, mesh.grid, opacity, target
+
+    assert_alike(both("composite", arguments, (6,)), MOST_LEVELS)
+
+
+@compiled
+def test_each_kernel_has_a_twin_and_is_used() -> None:
+    kernels = {name for name in dir(COMPILED) if not name.startswith("_")} - {"sets", "use"}
+    assert kernels == set(TWINS)
+
+
+@compiled
+def test_arrays_that_do_not_fit_are_refused() -> None:
+    bytes_ = np.zeros((4, 4, 3), np.uint8)
+    with pytest.raises(TypeError, match="7 arguments are wanted, not 1"):
+        COMPILED.composite(bytes_)
+    arguments = [
+        bytes_,
+        bytes_[..., 0],
+        np.zeros((3, 2)),
+        np.zeros((1, 3), np.int32),
+        np.zeros((7, 1)),
+        1.0,
+        bytes_,
+    ]
+    with pytest.raises(ValueError, match="argument 2 must hold its entries side by side"):
+        COMPILED.composite(*arguments)
+    arguments[1] = np.zeros((4, 4), np.float32)
+    with pytest.raises(TypeError, match="argument 2 has the wrong type"):
+        COMPILED.composite(*arguments)
+    arguments[1] = np.zeros((5, 4), np.uint8)
+    with pytest.raises(ValueError, match="alpha must be"):
+        COMPILED.composite(*arguments)
+    arguments[1] = np.zeros((4, 4), np.uint8)
+    arguments[3] = np.full((1, 3), 9, np.int32)
+    with pytest.raises(ValueError, match="triangles must name points"):
+        COMPILED.composite(*arguments)
+    read_only = np.zeros((4, 4, 3), np.uint8)
+    read_only.setflags(write=False)
+    arguments[6] = read_only
+    with pytest.raises((ValueError, BufferError), match="read-only"):
+        COMPILED.composite(*arguments)
+
+
+def run(choice: str, code: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "GUISE_KERNELS": choice}
+    return subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
+    )
+
+
+def test_the_environment_chooses_the_twins() -> None:
+    done = run("numpy", "from guise.common.kernels import COMPILED, RUNNING; print(COMPILED, RUNNING)")
+    assert done.stdout == "None numpy\n"
+
+
+def test_an_unknown_choice_is_one_sentence() -> None:
+    done = run("sse9", "from guise.app.cli.main import main; raise SystemExit(main(['doctor']))")
+    assert done.returncode == 2
+    assert "GUISE_KERNELS is 'sse9', but here only" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stderr.count("\n") == 1
