@@ -12,12 +12,14 @@ where expression shows in the texture; less elsewhere, where it is mostly the so
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel
 from guise.aam.mask import expressive_mask
 from guise.aam.reference import ReferenceFrame
 from guise.common.arrays import F32
 from guise.common.errors import GuiseError
+from guise.common.kernels import COMPILED, kernel
 
 DEFAULT_ALPHA = 0.6
 DEFAULT_GATE = 0.35  # share of alpha away from eyes and mouth
@@ -82,6 +84,7 @@ class Extrapolator:
         self._shown = np.ones((1, 1), np.float32) if moving is None else _weights(moving, source.reference)
         self._soft = _weights(gate + (1 - gate) * expressive_mask(source.reference), source.reference)
         self._base = turned_neutral(target, source) if anchored else target.components.mean
+        self._ones = np.ones(len(self._base[SHAPE_ENTRIES:]) // 3, np.float32)
         self._rest = source.neutral_parameters if anchored else np.zeros_like(source.neutral_parameters)
         self.alpha = alpha
 
@@ -98,28 +101,51 @@ class Extrapolator:
         source, target = self._bases
         matrix = target @ self._amounts
         matrix += np.float32(value) * self._soft * (source - matrix)
-        # A product with few columns is fastest where each of them lies in one piece.
-        self._matrix = np.asfortranarray(self._shown * matrix)
+        matrix *= self._shown
+        self._of_shape = matrix[:SHAPE_ENTRIES]
+        # Half floats suffice, as a term of the sum is a few grey levels, but NumPy takes long to read them.
+        kind = np.float32 if COMPILED is None else np.float16
+        self._of_texture = np.ascontiguousarray(matrix[SHAPE_ENTRIES:].T.astype(kind))
 
     @property
     def matrix(self) -> F32:
-        """M (n, k)."""
-        return self._matrix
+        """M (n, k), of whose texture half floats are kept."""
+        return np.concatenate([self._of_shape, self._of_texture.T.astype(np.float32)])
 
-    def apply(self, parameters: F32, share: float = 1.0) -> F32:
-        """Target appearance (n,) of source parameters rho_s (k,), of whose way from rest a share is taken."""
-        if share == 0:
-            return self._base.copy()
+    def apply(self, parameters: F32, share: float = 1.0, factors: F32 | None = None) -> F32:
+        """Target appearance (n,) of source parameters rho_s (k,).
+
+        share : of their way from rest that is taken.
+        factors : of the texture's pixels; None for 1.
+        """
         away = np.float32(share) * (parameters - self._rest)
-        made = self._matrix @ away
-        made += self._base
-        if self._most is not None:
-            amounts = self._amounts @ away
-            excess = amounts - np.minimum(np.maximum(amounts, -self._most), self._most)
-            beyond = excess.nonzero()[0]
-            if len(beyond):
-                made -= self._shown[:, 0] * (self._bases[1][:, beyond] @ excess[beyond])
-        return np.asarray(made, np.float32)
+        base, beyond = self._base, self._beyond(away)
+        if beyond is not None:
+            base = base - beyond
+        made = np.empty_like(base)
+        made[:SHAPE_ENTRIES] = base[:SHAPE_ENTRIES] + self._of_shape @ away
+        factors = self._ones if factors is None else factors
+        expressed(base[SHAPE_ENTRIES:], self._of_texture, away, factors, made[SHAPE_ENTRIES:])
+        return made
+
+    def _beyond(self, away: F32) -> F32 | None:
+        """What parameters on a way from rest have more of the target's modes than they may; None if nothing."""
+        if self._most is None:
+            return None
+        amounts = self._amounts @ away
+        excess = amounts - np.minimum(np.maximum(amounts, -self._most), self._most)
+        modes = excess.nonzero()[0]
+        if not len(modes):
+            return None
+        return np.asarray(self._shown[:, 0] * (self._bases[1][:, modes] @ excess[modes]), np.float32)
+
+
+@kernel
+def expressed(base: F32, matrix: NDArray[np.floating], away: F32, factors: F32, out: F32) -> None:
+    """out = (base + matrix^T away) factors: a texture (3 n,) of a base, modes (k, 3 n), amounts (k,), factors (n,)."""
+    np.dot(away, np.asarray(matrix, np.float32), out=out)
+    out += base
+    out.reshape(-1, 3)[:] *= factors[:, None]
 
 
 def _weights(shares: F32, reference: ReferenceFrame) -> F32:

@@ -12,6 +12,7 @@ from guise.render.errors import RendererError
 from guise.render.mesh import TexturedMesh
 
 Texture = U8 | F32
+Alpha = U8 | F32  # of 255, or of 1
 
 
 class Scratch:
@@ -35,19 +36,20 @@ class Texels:
     from the same eight bits.
     """
 
-    def __init__(self, mesh: TexturedMesh, alpha: F32) -> None:
+    def __init__(self, mesh: TexturedMesh, alpha: Alpha) -> None:
         self._shape = (mesh.height, mesh.width)
         self.rgba: U8 = np.zeros((*self._shape, 4), np.uint8)
         self._rounded: U8 = np.empty((*self._shape, 3), np.uint8)
         self._zeros: F32 = np.zeros((*self._shape, 3), np.float32)
         self.set_alpha(alpha)
 
-    def set_alpha(self, alpha: F32) -> None:
-        """Use another (th, tw) alpha in [0, 1]."""
+    def set_alpha(self, alpha: Alpha) -> None:
+        """Use another (th, tw) alpha, float in [0, 1] or uint8."""
         check_alpha(alpha)
         if alpha.shape != self._shape:
             raise RendererError(f"alpha must be {self._shape}, got {alpha.shape}")
-        self.alpha = np.asarray(cv2.convertScaleAbs(alpha, alpha=255.0), np.uint8)  # rounded to nearest
+        scale = 1.0 if alpha.dtype == np.uint8 else 255.0
+        self.alpha = np.asarray(cv2.convertScaleAbs(alpha, alpha=scale), np.uint8)  # rounded to nearest
 
     def rounded(self, texture: Texture) -> U8:
         """A (th, tw, 3) uint8 or float32 texture in 0..255 as bytes, rounded to nearest."""
@@ -68,10 +70,12 @@ class Texels:
         return self.rgba
 
 
-def check_alpha(alpha: F32) -> None:
-    """Raise RendererError unless alpha is (th, tw) float in [0, 1]."""
-    if alpha.ndim != 2 or alpha.dtype.kind != "f" or alpha.size == 0:
-        raise RendererError(f"alpha must be (th, tw) float, got {alpha.shape} {alpha.dtype}")
+def check_alpha(alpha: Alpha) -> None:
+    """Raise RendererError unless alpha is (th, tw) float in [0, 1] or uint8."""
+    if alpha.ndim != 2 or (alpha.dtype.kind != "f" and alpha.dtype != np.uint8) or alpha.size == 0:
+        raise RendererError(f"alpha must be (th, tw) float or uint8, got {alpha.shape} {alpha.dtype}")
+    if alpha.dtype == np.uint8:
+        return
     if not (np.minimum.reduce(alpha, None) >= 0 and np.maximum.reduce(alpha, None) <= 1):  # true for nan too
         raise RendererError("alpha must lie in [0, 1]")
 

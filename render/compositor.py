@@ -4,7 +4,7 @@ from types import TracebackType
 from typing import Literal, Protocol, Self, get_args
 
 from guise.common.arrays import F32, I32, U8, Floating
-from guise.render.buffers import Texture, check_alpha
+from guise.render.buffers import Alpha, Texture, check_alpha
 from guise.render.context import GLMissing, may_have_hardware, probe_gl
 from guise.render.cpu import CpuCompositor
 from guise.render.errors import RendererError
@@ -28,8 +28,8 @@ class Compositor(Protocol):
 
     description: str
 
-    def set_alpha(self, alpha: F32) -> None:
-        """Use another (th, tw) alpha in [0, 1]."""
+    def set_alpha(self, alpha: Alpha) -> None:
+        """Use another (th, tw) alpha, float in [0, 1] or uint8."""
 
     def composite(
         self,
@@ -91,7 +91,7 @@ def make_compositor(
     renderer: str,
     triangles: I32,
     uv: F32,
-    alpha: F32,
+    alpha: Alpha,
 ) -> Compositor:
     """The compositor that `renderer` names.
 
@@ -104,7 +104,7 @@ def make_compositor(
     renderer : 'auto', 'gl' or 'cpu'.
     triangles : (t, 3) int, vertex indices; later triangles are drawn over earlier ones.
     uv : (v, 2) float32, texture pixels of the vertices.
-    alpha : (th, tw) float32 in [0, 1], already feathered and 0 at the mesh's rim (see `feather`).
+    alpha : (th, tw) float32 in [0, 1] or uint8, already feathered and 0 at the mesh's rim (see `feather`).
 
     Raises
     ------
@@ -124,7 +124,7 @@ def make_compositor(
     return _choose(mesh, alpha)
 
 
-def _choose(mesh: TexturedMesh, alpha: F32) -> Compositor:
+def _choose(mesh: TexturedMesh, alpha: Alpha) -> Compositor:
     found = probe_gl() if may_have_hardware() else GLMissing("no graphics device")
     if not isinstance(found, GLMissing) and not found.software:
         from guise.render.gl import GLCompositor

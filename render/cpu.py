@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from guise.common.arrays import F32, F64, I32, U8, Floating
 from guise.common.closing import Closing
 from guise.common.kernels import RUNNING, kernel
-from guise.render.buffers import Texels, Texture, check_opacity, output_for
+from guise.render.buffers import Alpha, Texels, Texture, check_opacity, output_for
 from guise.render.mesh import (
     SUBPIXELS,
     Box,
@@ -37,12 +37,12 @@ class CpuCompositor(Closing):
 
     name = "cpu"
 
-    def __init__(self, mesh: TexturedMesh, alpha: F32) -> None:
+    def __init__(self, mesh: TexturedMesh, alpha: Alpha) -> None:
         self.description = f"CPU: {RUNNING} kernels, OpenCV {cv2.__version__}, NumPy {np.__version__}"
         self._mesh = mesh
         self._texels = Texels(mesh, alpha)
 
-    def set_alpha(self, alpha: F32) -> None:
+    def set_alpha(self, alpha: Alpha) -> None:
         """Take another (th, tw) alpha."""
         self._texels.set_alpha(alpha)
 

@@ -13,9 +13,9 @@ import cv2
 import moderngl
 import numpy as np
 
-from guise.common.arrays import F32, F64, U8, Floating
+from guise.common.arrays import F64, U8, Floating
 from guise.common.closing import Closing
-from guise.render.buffers import Scratch, Texels, Texture, check_opacity, output_for
+from guise.render.buffers import Alpha, Scratch, Texels, Texture, check_opacity, output_for
 from guise.render.context import check, create_context, describe
 from guise.render.errors import RendererError
 from guise.render.mesh import SUBPIXELS, Box, TexturedMesh, back_first, bounding_box, outline_box, snap
@@ -29,7 +29,7 @@ class GLCompositor(Closing):
 
     name = "gl"
 
-    def __init__(self, mesh: TexturedMesh, alpha: F32) -> None:
+    def __init__(self, mesh: TexturedMesh, alpha: Alpha) -> None:
         self._mesh = mesh
         self._texels = Texels(mesh, alpha)
         self._pixels = Scratch(np.uint8)
@@ -52,7 +52,7 @@ class GLCompositor(Closing):
         """The GL context, for checks."""
         return self._context
 
-    def set_alpha(self, alpha: F32) -> None:
+    def set_alpha(self, alpha: Alpha) -> None:
         """Take another (th, tw) alpha."""
         self._texels.set_alpha(alpha)
 

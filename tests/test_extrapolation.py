@@ -37,13 +37,13 @@ def test_projector_keeps_its_own_basis_and_is_idempotent() -> None:
 
 def test_projector_of_the_target_removes_nothing_from_the_target() -> None:
     same = Extrapolator(TARGET, TARGET, 0.0, **PLAIN)
-    assert_allclose(same.matrix, TARGET.components.basis, atol=1e-5)
+    assert_allclose(same.matrix, TARGET.components.basis, rtol=2**-11, atol=1e-5)  # of half floats
 
 
 def test_alpha_one_is_direct_transfer() -> None:
     rho = some_parameters(3)
     moved = Extrapolator(SOURCE, TARGET, 1.0, **PLAIN).apply(rho) - TARGET.components.mean
-    assert_allclose(moved, SOURCE.components.basis @ rho, atol=1e-3)
+    assert_allclose(moved, SOURCE.components.basis @ rho, atol=0.02)  # grey levels, of half floats
 
 
 def test_alpha_zero_is_projection_onto_the_target() -> None:
@@ -162,7 +162,7 @@ def test_what_the_target_never_showed_is_held_at_a_limit() -> None:
     rest, some = SOURCE.neutral_parameters, some_parameters(3) - SOURCE.neutral_parameters
     basis, most = TARGET.components.basis, 4.0 * TARGET.components.deviations
     far = limited.apply(rest + 1000 * some) - limited.apply(rest)
-    assert (np.abs(basis.T @ far) <= 1.001 * most).all()
+    assert (np.abs(basis.T @ far) <= 1.01 * most).all()
     assert (np.abs(basis.T @ (free.apply(rest + 1000 * some) - free.apply(rest))) > most).any()
     assert_allclose(limited.apply(rest + 1e-3 * some), free.apply(rest + 1e-3 * some), atol=1e-4)
 

@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
-import guise.render  # noqa: F401, so that its kernels are known
+import guise.app.drawing.plan  # noqa: F401, so that all kernels are known
+from guise.aam.mask import beyond_mask
 from guise.common.kernels import COMPILED, RUNNING, TWINS
 from guise.render.mesh import TexturedMesh, snap
 
@@ -68,6 +69,50 @@ def test_composite(seed: int, points: int, opacity: float, spread: float) -> Non
         return texture, alpha, snapped, mesh.triangles, mesh.grid, opacity, target
 
     assert_alike(both("composite", arguments, (6,)), MOST_LEVELS)
+
+
+@compiled
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.integers(1, 1200), st.integers(1, 9))
+def test_expressed(seed: int, pixels: int, modes: int) -> None:
+    rng = np.random.default_rng(seed)
+    base = rng.uniform(0, 255, 3 * pixels).astype(np.float32)
+    matrix = rng.normal(0, 10.0 ** rng.integers(-6, 1), (modes, 3 * pixels)).astype(np.float16)
+    away, factors = rng.normal(0, 20, modes).astype(np.float32), rng.uniform(0, 2, pixels).astype(np.float32)
+
+    def arguments() -> tuple[Any, ...]:
+        return base, matrix, away, factors, np.empty_like(base)
+
+    assert_alike(both("expressed", arguments, (4,)), 0.01)
+
+
+@compiled
+@settings(max_examples=30, deadline=None)
+@given(seeds)
+def test_lit_and_scattered(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    height, width = (int(side) for side in rng.integers(4, 30, 2))
+    mask = rng.random((height, width)) < 0.7
+    mask[0, 0] = True
+    pixels = np.flatnonzero(mask)
+    texture = rng.uniform(0, 255, (len(pixels), 3)).astype(np.float32)
+    cells = rng.normal(1, 0.3, (6, height // 4 + 2, width // 4 + 2)).astype(np.float32)
+    in_parts = np.sort(rng.permutation(len(pixels))[: len(pixels) // 3])
+    shares = rng.random((2, len(in_parts))).astype(np.float32)
+    parts, to_stored = (rng.normal(0.5, 0.2, shape).astype(np.float32) for shape in ((2, 3), (3, 4)))
+
+    def light() -> tuple[Any, ...]:
+        planes = np.empty((3, len(pixels)), np.float32)
+        return texture, pixels, width, cells, 4.1, in_parts, shares, parts, to_stored, planes
+
+    made = both("lit", light, (9,))
+    assert_alike(made, 0.01)
+    planes, (beside, nearest) = made[0][0], beyond_mask(mask)
+
+    def layout() -> tuple[Any, ...]:
+        return planes, pixels, beside, nearest, np.zeros((height, width, 3), np.uint8)
+
+    assert_alike(both("scattered", layout, (4,)), 0)
 
 
 @compiled

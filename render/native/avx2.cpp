@@ -1,16 +1,17 @@
-// For x86-64 with AVX2.
+// For x86-64 with AVX2 and its half floats (F16C).
 
 #include "standard.hpp"
 
 #ifdef GUISE_X86
 #ifdef __clang__
-#pragma clang attribute push(__attribute__((target("avx2"))), apply_to = function)
+#pragma clang attribute push(__attribute__((target("avx2,f16c"))), apply_to = function)
 #else
 #pragma GCC push_options
-#pragma GCC target("avx2")
+#pragma GCC target("avx2,f16c")
 #endif
 #define GUISE_NAMESPACE avx2
 #define GUISE_SSE
+#define GUISE_F16C
 #include "implementation.hpp"
 #ifdef __clang__
 #pragma clang attribute pop
@@ -18,7 +19,9 @@
 #pragma GCC pop_options
 #endif
 
-const guise::Kernels *guise::avx2_kernels() { return __builtin_cpu_supports("avx2") ? &avx2::KERNELS : nullptr; }
+const guise::Kernels *guise::avx2_kernels() {
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("f16c") ? &avx2::KERNELS : nullptr;
+}
 #else
 const guise::Kernels *guise::avx2_kernels() { return nullptr; }
 #endif

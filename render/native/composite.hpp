@@ -39,32 +39,12 @@ struct Map {
     float a, b, c, d, e, f;
 };
 
-// Bilinear RGBA at u, v of a texture whose texels are words; as at the border beyond it.
-#if defined(GUISE_SSE)
-inline __m128 texel(const u8 *at) {
-    int word;
-    std::memcpy(&word, at, 4);
-    return _mm_cvtepi32_ps(_mm_cvtepu8_epi32(_mm_cvtsi32_si128(word)));
-}
+// Bilinear RGBA of four texels, which are words of bytes.
 inline std::uint32_t bilinear(const u8 *p00, const u8 *p01, const u8 *p10, const u8 *p11, float x, float y) {
-    const __m128 fx = _mm_set1_ps(x), fy = _mm_set1_ps(y);
-    const __m128 a = texel(p00), b = texel(p01), c = texel(p10), d = texel(p11);
-    const __m128 upper = _mm_add_ps(a, _mm_mul_ps(_mm_sub_ps(b, a), fx));
-    const __m128 lower = _mm_add_ps(c, _mm_mul_ps(_mm_sub_ps(d, c), fx));
-    const __m128i whole = _mm_cvtps_epi32(_mm_add_ps(upper, _mm_mul_ps(_mm_sub_ps(lower, upper), fy)));
-    const __m128i half = _mm_packs_epi32(whole, whole);
-    return std::uint32_t(_mm_cvtsi128_si32(_mm_packus_epi16(half, half)));
+    const F4 fx(x), fy(y), a = F4::of_bytes(p00), b = F4::of_bytes(p01), c = F4::of_bytes(p10), d = F4::of_bytes(p11);
+    const F4 upper = a + (b - a) * fx, lower = c + (d - c) * fx;
+    return (upper + (lower - upper) * fy).bytes();
 }
-#else
-inline std::uint32_t bilinear(const u8 *p00, const u8 *p01, const u8 *p10, const u8 *p11, float x, float y) {
-    std::uint32_t word = 0;
-    for (int k = 0; k < 4; ++k) {
-        const float upper = p00[k] + float(p01[k] - p00[k]) * x, lower = p10[k] + float(p11[k] - p10[k]) * x;
-        word |= std::uint32_t(std::lrint(upper + (lower - upper) * y)) << (8 * k);
-    }
-    return word;
-}
-#endif
 
 struct Picture {
     const u8 *texels;  // (height, width, 4)
@@ -89,11 +69,6 @@ struct Picture {
     }
     static i64 clamp(i64 place, i64 size) { return place < 0 ? 0 : place >= size ? size - 1 : place; }
 };
-
-inline u8 over_255(unsigned value) {  // value / 255 rounded to nearest, for value <= 255 * 255
-    value += 128;
-    return u8((value + (value >> 8)) >> 8);
-}
 
 // The tables of shaders/blend.frag.glsl: how far a pixel is drawn by its alpha, and its share by the sum around it.
 struct Tables {

@@ -14,9 +14,12 @@ template <int Place, class T> T *memory(i64 size) {
     return kept.data();
 }
 
-#include "composite.hpp"
+#include "pixels.hpp"
 
-const Kernels KERNELS = {composite};
+#include "composite.hpp"
+#include "texture.hpp"
+
+const Kernels KERNELS = {composite, expressed, lit, scattered};
 
 }  // namespace GUISE_NAMESPACE
 }  // namespace guise

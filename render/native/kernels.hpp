@@ -10,6 +10,13 @@ namespace guise {
 struct Kernels {
     void (*composite)(Array<const u8> texture, Array<const u8> alpha, Array<const double> snapped,
                       Array<const i32> triangles, Array<const double> grid, double opacity, Array<u8> target);
+    void (*expressed)(Array<const float> base, Array<const u16> matrix, Array<const float> away,
+                      Array<const float> factors, Array<float> out);
+    void (*lit)(Array<const float> texture, Array<const i64> pixels, i64 width, Array<const float> cells, double cell,
+                Array<const i64> in_parts, Array<const float> shares, Array<const float> parts,
+                Array<const float> to_stored, Array<float> planes);
+    void (*scattered)(Array<const float> planes, Array<const i64> pixels, Array<const i64> beside,
+                      Array<const i64> nearest, Array<u8> picture);
 };
 
 // Null where the compiler or the processor lacks the instruction set.

@@ -24,7 +24,7 @@ const Kernels *active = nullptr;
 
 template <class T> const char *formats();
 template <> const char *formats<guise::u8>() { return "B?"; }
-template <> const char *formats<guise::u16>() { return "H"; }
+template <> const char *formats<guise::u16>() { return "He"; }
 template <> const char *formats<guise::i32>() { return "il"; }
 template <> const char *formats<i64>() { return "lq"; }
 template <> const char *formats<float>() { return "f"; }
@@ -180,6 +180,9 @@ PyMethodDef METHODS[] = {
     {"sets", sets, METH_NOARGS, "Names of the instruction sets that the kernels can use here, the best first."},
     {"use", use, METH_O, "Take the kernels of an instruction set; ValueError if there are none."},
     KERNEL(composite),
+    KERNEL(expressed),
+    KERNEL(lit),
+    KERNEL(scattered),
     {nullptr, nullptr, 0, nullptr}};
 
 PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "_kernels", "Guise's compiled kernels.", -1, METHODS,

@@ -12,8 +12,9 @@ from guise.aam.mask import beyond_mask
 from guise.aam.relief import Relief
 from guise.app.drawing.face import FaceInFrame
 from guise.app.drawing.memory import Memory
-from guise.common.arrays import F32, U8
+from guise.common.arrays import F32, U8, Int
 from guise.common.closing import Closing
+from guise.common.kernels import kernel
 from guise.common.small import mean
 from guise.common.tuned import derived
 from guise.render import Compositor, make_compositor
@@ -38,9 +39,7 @@ class Blend(Closing):
         self._compositors: dict[bool, Compositor] = {}
         self._whole: dict[bool, bool] = {}  # whether each of them draws all of the face
         reference = relief.reference
-        self._grid = np.zeros(reference.size, np.uint32)
         self._beside, self._nearest = beyond_mask(reference.mask)
-        self._zeros = np.zeros((3, len(reference.pixels)), np.float32)
 
     def spread(self, face: FaceInFrame, memory: Memory) -> None:
         """Find where the drawn face's relief lies in the frame."""
@@ -61,15 +60,11 @@ class Blend(Closing):
             face.parsed = parsing.from_place(*((x, y) - mean(face.head - then, 0)))
 
     def scatter(self, face: FaceInFrame, memory: Memory) -> None:
-        """Lay the lit texture out as a picture of bytes; by whole words, which is fastest."""
+        """Lay the lit texture out as a picture of bytes."""
         reference = self._relief.reference
-        bytes_ = cv2.add(face.canvas.planes, self._zeros, dtype=cv2.CV_8U)  # rounds and saturates
-        words = cv2.merge([*bytes_, bytes_[0]]).view(np.uint32).ravel()
-        self._grid[reference.mask] = words
-        grid = self._grid.ravel()
-        grid[self._beside] = grid[self._nearest]
-        four = self._grid.view(np.uint8).reshape(*reference.size, 4)
-        face.canvas.picture = np.asarray(cv2.cvtColor(four, cv2.COLOR_BGRA2BGR), np.uint8)
+        picture = np.empty((*reference.size, 3), np.uint8)
+        scattered(face.canvas.planes, reference.pixels, self._beside, self._nearest, picture)
+        face.canvas.picture = picture
 
     def composite(self, face: FaceInFrame, memory: Memory) -> None:
         """Draw the picture on the mesh, where nothing hides the face."""
@@ -102,7 +97,9 @@ class Blend(Closing):
         whole = share is None and rims is None
         if not (whole and self._whole.get(fine, True)):
             alpha = self._enlarged(self._alpha if share is None else self._alpha * share, fine)
-            self._compositor(fine).set_alpha(alpha if rims is None else alpha * (1 - rims))
+            if rims is not None:
+                alpha = np.asarray(cv2.multiply(alpha, 1 - rims, dtype=cv2.CV_8U), np.uint8)
+            self._compositor(fine).set_alpha(alpha)
         self._whole[fine] = whole
 
     def _compositor(self, fine: bool) -> Compositor:
@@ -117,12 +114,20 @@ class Blend(Closing):
             )
         return self._compositors[fine]
 
-    def _enlarged(self, alpha: F32, fine: bool) -> F32:
-        """An alpha (h, w) at the size of the texture."""
-        if not fine:
-            return alpha
-        h, w = alpha.shape
-        return np.asarray(cv2.resize(alpha, (2 * w, 2 * h), interpolation=cv2.INTER_LINEAR), np.float32)
+    def _enlarged(self, alpha: F32, fine: bool) -> U8:
+        """An alpha (h, w) of 255, at the size of the texture."""
+        bytes_, (h, w) = cv2.convertScaleAbs(alpha, alpha=255.0), alpha.shape
+        if fine:
+            bytes_ = cv2.resize(bytes_, (2 * w, 2 * h), interpolation=cv2.INTER_LINEAR)
+        return np.asarray(bytes_, np.uint8)
+
+
+@kernel
+def scattered(planes: F32, pixels: Int, beside: Int, nearest: Int, picture: U8) -> None:
+    """Planes (3, n) rounded to bytes at flat indices (n,) of a picture (h, w, 3); those beside are as the nearest."""
+    flat = picture.reshape(-1, 3)
+    flat[pixels] = np.rint(np.minimum(np.maximum(planes, 0), 255)).T
+    flat[beside] = flat[nearest]
 
 
 def _is_grey(roi: U8) -> bool:

@@ -25,6 +25,7 @@ from guise.app.drawing.face import BLACK_GREY_LEVELS, COARSE_CELL, MIN_SHARE, Fa
 from guise.app.drawing.memory import FaceLight, Memory
 from guise.common.arrays import F32, Bool, Int
 from guise.common.decay import Decay
+from guise.common.kernels import kernel
 from guise.common.small import mean
 from guise.common.tuned import tuned
 
@@ -62,7 +63,7 @@ class QuotientLight:
         self._skin = texels[(skin_mask(reference) & mask)[reference.mask][texels]]
         self._in_seen = np.flatnonzero(np.isin(texels, self._skin))
         self._sums = TexelSums(grid.size, grid.places(self._skin))
-        self._at_pixels = CellReader(grid.places())
+        self._reference, self._cell = reference, grid.cell
         self._smoother = grid.smoother(LIMITS.width_face_widths)
         self._own, self._at_rest = (np.maximum(texture, 0)[self._skin] for texture in enrolled)
         own_tone, tone = (np.exp(mean(np.log(rgb + BLACK), 0)) for rgb in (self._own, self._at_rest))
@@ -70,7 +71,7 @@ class QuotientLight:
         rest = self._sums(self._at_rest, np.ones(len(self._skin), np.float32))
         self._skin_at_rest = (self._smoother.means(rest) + BLACK) * self._tone
         self._every = np.ones(len(self._skin), np.float32)
-        self._parts = _Parts(reference)
+        self._parts = _parts_of(reference)
         self._whites = Whites(reference, enrolled, self._skin)
 
     def measure(self, face: FaceInFrame, memory: Memory) -> None:
@@ -88,14 +89,11 @@ class QuotientLight:
         to_stored, offset = colour.from_rgb[:, :3], colour.from_rgb[:, 3]
         cells = light.map.copy()
         cells[3:] -= light.map[:3] * self._moved_skin(canvas.texture[self._skin])
-        of_pixels = self._at_pixels(cells)
-        gains, lit = of_pixels[:3], of_pixels[3:]
-        self._parts.light(gains, lit, light.parts)
-        gains *= canvas.texture.T
-        gains += lit
-        out = to_stored.astype(np.float32) @ gains
-        out += offset.astype(np.float32)[:, None]
-        canvas.planes = out
+        planes = np.empty(canvas.texture.shape[::-1], np.float32)
+        matrix = np.column_stack([to_stored, offset]).astype(np.float32)
+        grid = self._reference.pixels, self._reference.size[1]
+        lit(canvas.texture, *grid, cells, self._cell, *self._parts, light.parts, matrix, planes)
+        canvas.planes = planes
         grey = LUMA @ light.map[:3].reshape(3, -1)
         canvas.contrast = float(np.add.reduce(grey)) / len(grey) * float(np.add.reduce(to_stored[0]))
 
@@ -108,7 +106,7 @@ class QuotientLight:
         black = float(BLACK) * float(np.add.reduce(weight)) + 1e-6
         bright = self._whites.brightness * (now + black) / (own + black)
         part = np.float32(bright) * self._whites.tint(weight @ seen)
-        return FaceLight(self._map(ratio * self._tone), np.array([part, part]))
+        return FaceLight(self._map(ratio * self._tone), np.array([part, part], np.float32))
 
     def _ratio(self, sums: F32) -> F32:
         """(3, h, w) of the frame's colours over the person's own, from sums (7, h, w) of both and of weights."""
@@ -132,19 +130,35 @@ class QuotientLight:
         return np.asarray(sums[:3] / np.maximum(sums[3:], 1), np.float32)
 
 
-class _Parts:
-    """Eyes and mouth among the mask's pixels, which are lit each by one gain."""
+@kernel
+def lit(
+    texture: F32, pixels: Int, width: int, cells: F32, cell: float,
+    in_parts: Int, shares: F32, parts: F32, to_stored: F32, planes: F32,
+) -> None:  # fmt: skip
+    """Planes (3, n), in stored components, of a texture (n, 3) in a light.
 
-    def __init__(self, reference: ReferenceFrame) -> None:
-        parts = np.array([soft_parts(reference, part, 0.0)[reference.mask] for part in PARTS])
-        self._pixels = np.flatnonzero(parts.max(0) > MIN_SHARE / 2)
-        self._shares = parts[:, self._pixels]
-        self._surface = 1 - self._shares.max(0)
+    Parameters
+    ----------
+    pixels, width : (n,) flat indices into a grid of a width, in ascending order.
+    cells, cell : (6, h, w) gains and offsets of colours, which are read bilinearly, every so many grid pixels.
+    in_parts, shares : (m,) of the n, ascending, in eyes and mouth, and the shares (p, m) of each of these parts there.
+    parts : (p, 3) gains of the parts, which have no offset.
+    to_stored : (3, 4) matrix and offset from RGB.
+    """
+    y, x = np.divmod(pixels, width)
+    light = CellReader((np.column_stack([x, y]) / cell).astype(np.float32))(cells)
+    surface = 1 - shares.max(0)
+    light[:, in_parts] *= surface
+    light[:3, in_parts] += parts.T @ shares
+    rgb = light[:3] * texture.T + light[3:]
+    np.add(to_stored[:, :3] @ rgb, to_stored[:, 3:], out=planes)
 
-    def light(self, gains: F32, lit: F32, parts: F32) -> None:
-        """Put gains of the parts (2, 3) into those (3, n) and the offsets (3, n) of pixels, in place."""
-        gains[:, self._pixels] = gains[:, self._pixels] * self._surface + parts.T @ self._shares
-        lit[:, self._pixels] *= self._surface
+
+def _parts_of(reference: ReferenceFrame) -> tuple[Int, F32]:
+    """Eyes and mouth, which are lit each by one gain: (m,) pixels of the mask, and the shares (2, m) of either."""
+    parts = np.array([soft_parts(reference, part, 0.0)[reference.mask] for part in PARTS])
+    pixels = np.flatnonzero(parts.max(0) > MIN_SHARE / 2)
+    return pixels, np.ascontiguousarray(parts[:, pixels], np.float32)
 
 
 def _moved(light: FaceLight, aim: FaceLight, share: float) -> FaceLight:
