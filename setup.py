@@ -6,7 +6,9 @@ from setuptools import Extension, setup
 from setuptools.command.bdist_wheel import bdist_wheel
 
 SOURCES = "module", "plain", "sse41", "avx2"
-HEADERS = "arrays", "composite", "implementation", "kernels", "pixels", "standard", "texture"
+HEADERS = (
+    "arrays", "composite", "geometry", "implementation", "kernels", "pixels", "standard", "texture", "tracking",
+)  # fmt: skip
 # No contraction to fused products: every instruction set gives the same bytes.
 FLAGS = (
     ["/std:c++17", "/O2"] if sys.platform == "win32" else ["-std=c++17", "-O3", "-g0", "-ffp-contract=off"]

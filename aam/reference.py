@@ -19,6 +19,7 @@ from guise.aam.landmarks.schemes import MIRROR, NOSE_ROOT, RIGID_WEIGHTS
 from guise.aam.similarity import PlanarSimilarity, WeightedPoints
 from guise.common.arrays import F32, F64, I32, U8, Bool, Floating, Int
 from guise.common.errors import GuiseError
+from guise.common.kernels import kernel
 from guise.common.sampling import remap_points as remap_points
 
 DEFAULT_RESOLUTION = 160
@@ -178,18 +179,31 @@ class MeshSampler:
 
     def positions(self, shape: Floating) -> F32:
         """Where the places (n, 2) lie on a shape (81, 2), in the shape's pixels; piecewise affine."""
-        # x + i y: one gather for both
-        plane = np.ascontiguousarray(shape, np.float32).view(np.complex64)[:, 0]
-        terms = plane[self.vertices]
-        terms *= self.weights
-        terms[0] += terms[1]
-        terms[0] += terms[2]
-        places: F32 = terms[0, :, None].view(np.float32)
+        places = np.empty((self.weights.shape[1], 2), np.float32)
+        mesh_positions(np.ascontiguousarray(shape, np.float64), self.vertices, self.weights, places)
         return places
 
     def sample(self, image: U8 | F32, shape: Floating) -> F32:
         """Bilinear samples of an image (h, w) or (h, w, c) under the shape: (n,) or (n, c) float32."""
         return remap_points(image, self.positions(shape))
+
+
+@kernel
+def mesh_positions(points: F64, vertices: Int, weights: F32, places: F32) -> None:
+    """Where places of a mesh lie.
+
+    Parameters
+    ----------
+    points : (v, 2), pixels.
+    vertices, weights : (3, n), see `MeshSampler`.
+    places : (n, 2), pixels, which is written.
+    """
+    plane = points.astype(np.float32).view(np.complex64)[:, 0]  # x + i y: one gather for both
+    terms = plane[vertices]
+    terms *= weights
+    terms[0] += terms[1]
+    terms[0] += terms[2]
+    places[:] = terms[0, :, None].view(np.float32)
 
 
 def _filled(triangle_map: I32) -> I32:

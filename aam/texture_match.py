@@ -58,13 +58,6 @@ class TextureMatcher:
         self._prior = np.diag((noise / texture.deviations) ** 2)
         self._whole = self._blurred(np.ones(len(pixels), np.float32))
 
-    def residual(self, values: F32) -> float:
-        """Root mean square of what is unexplained of grey values (n,)."""
-        centred = normalised(values) - self._texture.mean
-        coefficients = centred @ self._texture.basis
-        energy = float(centred @ centred) - float(coefficients @ coefficients)
-        return float(np.sqrt(max(energy, 0.0) / len(centred)))
-
     def match(self, values: F32, hidden: Bool | None = None) -> TextureResidual:
         """Grey values (n,) against the person's; those `hidden` (n,) don't count."""
         if hidden is None or not hidden.any():
@@ -100,6 +93,14 @@ class TextureMatcher:
         grid[self._pixels] = values
         picture = cv2.GaussianBlur(self._reference.scatter(grid), (0, 0), LIMITS.occlusion_blur_grid_pixels)
         return np.asarray(picture[self._reference.mask][self._pixels])
+
+
+def residual(values: F32, mean: F32, basis: F32) -> float:
+    """Root mean square of what components, of a mean (n,) and a basis (m, n), leave unexplained of grey values (n,)."""
+    centred = normalised(values) - mean
+    coefficients = basis @ centred
+    energy = float(centred @ centred) - float(coefficients @ coefficients)
+    return float(np.sqrt(max(energy, 0.0) / len(centred)))
 
 
 def normalised(values: F32) -> F32:

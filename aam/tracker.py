@@ -8,8 +8,9 @@ Pixels, x right, y down.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,8 +19,9 @@ from guise.aam.appearance import Components
 from guise.aam.landmarks.schemes import RIGID_WEIGHTS
 from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame
 from guise.aam.similarity import Failed, PlanarSimilarity
-from guise.aam.texture_match import TextureMatcher, normalised
-from guise.common.arrays import F32, F64, U8, Bool, Floating, Int
+from guise.aam.texture_match import TextureMatcher, normalised, residual
+from guise.common.arrays import F32, F64, I32, U8, Bool, Floating, Int
+from guise.common.kernels import kernel
 from guise.common.small import mean
 
 FEATURE_RESOLUTION = 48  # feature grid pixels across the face
@@ -38,6 +40,8 @@ class TrackerLimits:
 
 
 LIMITS = TrackerLimits()
+NO_CROP = Failed("the face is larger than the picture"), Failed("the face has left the picture")
+_NO_TRIANGLES: I32 = np.zeros((0, 3), np.int32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,12 +113,12 @@ def cut(luma: U8, shape: F64, reference: ReferenceFrame) -> Crop | Failed:
     centre = mean(shape, 0)
     half = LIMITS.crop_reach_face_widths * LIMITS.crop_face_pixels / ratio
     if not (np.isfinite(half) and half < LIMITS.max_crop_picture_sides * max(luma.shape)):
-        return Failed("the face is larger than the picture")
+        return NO_CROP[0]
     x0, y0 = np.maximum(np.floor(centre - half).astype(int), 0)
     x1, y1 = np.minimum(np.ceil(centre + half).astype(int) + 1, luma.shape[::-1])
-    if min(x1 - x0, y1 - y0) < LIMITS.min_crop_pixels:
-        return Failed("the face has left the picture")
     whole = max(1, int(1 / ratio))  # by area first: fast for whole factors, and free of aliasing
+    if min(x1 - x0, y1 - y0) < max(LIMITS.min_crop_pixels, whole):
+        return NO_CROP[1]
     w, h = int(x1 - x0) // whole * whole, int(y1 - y0) // whole * whole
     image = luma[y0 : y0 + h, x0 : x0 + w]
     if whole > 1:
@@ -190,8 +194,8 @@ class Tracker:
         return self.reference.sampler[self.pixels]
 
     @cached_property
-    def _shape_space(self) -> ShapeSpace:
-        return ShapeSpace(self.shapes, self.reference)
+    def _cascade(self) -> Cascade:
+        return Cascade.of(self)
 
     def fit(self, luma: U8, start: F64) -> Fit | Failed:
         """The face near a start shape.
@@ -199,20 +203,10 @@ class Tracker:
         luma : (h, w) uint8.   start : (81, 2) float64, frame pixels.
         Failed when the face has left the picture or its texture is not this person's face.
         """
-        crop = cut(luma, start, self.reference)
-        if isinstance(crop, Failed):
-            return crop
-        space = self._shape_space
-        pose, parameters = space.encode(crop.to_crop(start))
-        for stage in self.stages:
-            features = normalised(self._sampler.sample(crop.image, space.decode(pose, parameters)))
-            correction = stage[0] + features @ stage[1:]
-            pose, parameters = space.corrected(pose, parameters, correction)
-        shape = space.decode(pose, parameters)
-        residual = self._matcher.residual(self._sampler.sample(crop.image, shape))
-        if not residual < self.quality.threshold:
-            return Failed(f"the face is not recognised (residual {residual:.2f})")
-        return Fit(crop.to_frame(shape), parameters, residual, self.quality.confidence(residual))
+        fit = self._fitted(luma, start, self._cascade.stages)
+        if isinstance(fit, Fit) and fit.carried:
+            return Failed(f"the face is not recognised (residual {fit.residual:.2f})")
+        return fit
 
     def acquire(self, luma: U8, boxes: Floating) -> Fit | Failed:
         """The best fit from detected face boxes (n, 4) x0 y0 x1 y1, tried in order from several starts."""
@@ -242,13 +236,18 @@ class Tracker:
 
     def measured(self, luma: U8, shape: F64) -> Fit | Failed:
         """A shape (81, 2) found by other means, with the residual of the person's texture there."""
-        crop = cut(luma, shape, self.reference)
-        if isinstance(crop, Failed):
-            return crop
-        residual = self._matcher.residual(self._sampler.sample(crop.image, crop.to_crop(shape)))
-        _, parameters = self._shape_space.encode(shape)
-        carried = not residual < self.quality.threshold
-        return Fit(shape, parameters, residual, self.quality.confidence(residual), carried)
+        fit = self._fitted(luma, shape, self._cascade.stages[:0])
+        return replace(fit, shape=shape) if isinstance(fit, Fit) else fit
+
+    def _fitted(self, luma: U8, start: F64, stages: F32) -> Fit | Failed:
+        """Where some stages take a start shape; it counts as carried where the person isn't recognised."""
+        shape, parameters = np.empty((POINTS, 2)), np.empty(self.shapes.modes)
+        known = self._cascade._replace(stages=stages)
+        left = fit_cascade(luma, np.ascontiguousarray(start, np.float64), *known, shape, parameters)
+        if left < 0:
+            return NO_CROP[int(-1 - left)]
+        carried = not left < self.quality.threshold
+        return Fit(shape, parameters, left, self.quality.confidence(left), carried)
 
     def starts(self, box: Floating) -> list[F64]:
         """Start shapes (81, 2) for a box x0 y0 x1 y1: the mean shape at a few scales and shifts."""
@@ -279,6 +278,72 @@ class Tracker:
     @cached_property
     def _matcher(self) -> TextureMatcher:
         return TextureMatcher(self.texture, self.pixels, self.reference, self.quality.good)
+
+
+class Cascade(NamedTuple):
+    """What `fit_cascade` is given of a tracker, as it says there."""
+
+    points: F64
+    rigid: F64
+    vertices: Int
+    weights: F32
+    mean: F32
+    basis: F32
+    deviations: F32
+    stages: F32
+    texture_mean: F32
+    texture_basis: F32
+    limits: F64
+
+    @classmethod
+    def of(cls, tracker: Tracker) -> Cascade:
+        """Of a tracker; its stages and its texture's basis transposed, so that sums are over what lies side by side."""
+        shapes, texture, sampler = tracker.shapes, tracker.texture, tracker._sampler
+        each = len(tracker.stages), POSE_ENTRIES + shapes.modes, 1 + len(tracker.pixels)
+        return cls(
+            tracker.reference.points, RIGID_WEIGHTS, sampler.vertices, sampler.weights,
+            shapes.mean, shapes.basis, shapes.deviations,
+            np.array([stage.T for stage in tracker.stages], np.float32, order="C").reshape(each),
+            texture.mean, np.ascontiguousarray(texture.basis.T), np.array(astuple(LIMITS), np.float64),
+        )  # fmt: skip
+
+
+@kernel
+def fit_cascade(
+    luma: U8, start: F64, points: F64, rigid: F64, vertices: Int, weights: F32, mean: F32, basis: F32, deviations: F32,
+    stages: F32, texture_mean: F32, texture_basis: F32, limits: F64, shape: F64, parameters: F64,
+) -> float:  # fmt: skip
+    """Refine a shape in a picture, stage by stage.
+
+    Parameters
+    ----------
+    luma : (h, w).   start : (v, 2), pixels.
+    points, rigid : (v, 2) of the feature grid, its pixels, and (v,) weights by which shapes are aligned with them.
+    vertices, weights : (3, n), of the sampler of the features.
+    mean, basis, deviations : (2 v,), (2 v, k) and (k,), components of shapes on the grid.
+    stages : (s, 4 + k, 1 + n), each a bias and weights of the features for every entry of a correction.
+    texture_mean, texture_basis : (n,) and (m, n), components of the features.
+    limits : (5,) those of `TrackerLimits`, in order.
+    shape, parameters : (v, 2), pixels, and (k,), standard deviations, which are written.
+
+    Returns
+    -------
+    Root mean square of the features that the texture doesn't explain; -1 - k where there are none, see `NO_CROP`.
+    """
+    reference = ReferenceFrame(points, _NO_TRIANGLES, (0, 0))
+    crop = cut(luma, start, reference)
+    if isinstance(crop, Failed):
+        return -1.0 - NO_CROP.index(crop)
+    space = ShapeSpace(Components(mean, basis, deviations, 0.0), reference)
+    sampler, seen = MeshSampler(vertices, weights), crop.to_crop(start)
+    pose, found = space.encode(seen)
+    for stage in stages:
+        features = normalised(sampler.sample(crop.image, space.decode(pose, found)))
+        pose, found = space.corrected(pose, found, stage[:, 0] + stage[:, 1:] @ features)
+    if len(stages):
+        seen = space.decode(pose, found)
+    shape[:], parameters[:] = crop.to_frame(seen), found
+    return residual(sampler.sample(crop.image, seen), texture_mean, texture_basis)
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,16 +23,16 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def both(name: str, given: Callable[[], tuple[Any, ...]], outputs: tuple[int, ...]) -> list[list[np.ndarray]]:
-    """What the twin, then the kernel of each instruction set, write into those of the arguments."""
+    """What the twin, then the kernel of each instruction set, write into those of the arguments, and return."""
     made = []
     arguments = given()
-    TWINS[name](*arguments)
-    made.append([arguments[k] for k in outputs])
+    returned = TWINS[name](*arguments)
+    made.append([arguments[k] for k in outputs] + ([] if returned is None else [np.array(returned)]))
     for which in COMPILED.sets():
         COMPILED.use(which)
         arguments = given()
-        getattr(COMPILED, name)(*arguments)
-        made.append([arguments[k] for k in outputs])
+        returned = getattr(COMPILED, name)(*arguments)
+        made.append([arguments[k] for k in outputs] + ([] if returned is None else [np.array(returned)]))
     COMPILED.use(RUNNING)
     return made
 

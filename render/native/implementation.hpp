@@ -17,9 +17,11 @@ template <int Place, class T> T *memory(i64 size) {
 #include "pixels.hpp"
 
 #include "composite.hpp"
+#include "geometry.hpp"
 #include "texture.hpp"
+#include "tracking.hpp"
 
-const Kernels KERNELS = {composite, expressed, lit, scattered};
+const Kernels KERNELS = {composite, expressed, fit_cascade, lit, mesh_positions, scattered};
 
 }  // namespace GUISE_NAMESPACE
 }  // namespace guise

@@ -12,9 +12,17 @@ struct Kernels {
                       Array<const i32> triangles, Array<const double> grid, double opacity, Array<u8> target);
     void (*expressed)(Array<const float> base, Array<const u16> matrix, Array<const float> away,
                       Array<const float> factors, Array<float> out);
+    double (*fit_cascade)(Array<const u8> luma, Array<const double> start, Array<const double> points,
+                          Array<const double> rigid, Array<const i64> vertices, Array<const float> weights,
+                          Array<const float> mean, Array<const float> basis, Array<const float> deviations,
+                          Array<const float> stages, Array<const float> texture_mean,
+                          Array<const float> texture_basis, Array<const double> limits, Array<double> shape,
+                          Array<double> parameters);
     void (*lit)(Array<const float> texture, Array<const i64> pixels, i64 width, Array<const float> cells, double cell,
                 Array<const i64> in_parts, Array<const float> shares, Array<const float> parts,
                 Array<const float> to_stored, Array<float> planes);
+    void (*mesh_positions)(Array<const double> points, Array<const i64> vertices, Array<const float> weights,
+                           Array<float> places);
     void (*scattered)(Array<const float> planes, Array<const i64> pixels, Array<const i64> beside,
                       Array<const i64> nearest, Array<u8> picture);
 };

@@ -181,7 +181,9 @@ PyMethodDef METHODS[] = {
     {"use", use, METH_O, "Take the kernels of an instruction set; ValueError if there are none."},
     KERNEL(composite),
     KERNEL(expressed),
+    KERNEL(fit_cascade),
     KERNEL(lit),
+    KERNEL(mesh_positions),
     KERNEL(scattered),
     {nullptr, nullptr, 0, nullptr}};
 
