@@ -18,6 +18,7 @@ from guise.common.kernels import COMPILED, RUNNING, TWINS
 from guise.render.mesh import TexturedMesh, snap
 
 MOST_LEVELS = 1  # of 255 between a kernel and its twin in a picture
+MOST_PIXELS = 1e-3  # between places of both
 compiled = pytest.mark.skipif(COMPILED is None, reason="no kernels are built here")
 seeds = st.integers(0, 2**32 - 1)
 
@@ -69,6 +70,46 @@ def test_composite(seed: int, points: int, opacity: float, spread: float) -> Non
         return texture, alpha, snapped, mesh.triangles, mesh.grid, opacity, target
 
     assert_alike(both("composite", arguments, (6,)), MOST_LEVELS)
+
+
+def on_mesh(rng: np.random.Generator, places: int, size: tuple[int, int]) -> tuple[Any, ...]:
+    """Corners and weights (3, n) of places of a mesh, and its points, some of them beside a picture (h, w)."""
+    points = rng.uniform(-8, np.array(size[::-1]) + 8, (30, 2))
+    weights = rng.dirichlet((1, 1, 1), places).T.astype(np.float32)
+    return rng.integers(0, len(points), (3, places)), np.ascontiguousarray(weights), points
+
+
+@compiled
+@settings(max_examples=60, deadline=None)
+@given(seeds, st.sampled_from([0.0, 0.5]))
+def test_show_through(seed: int, sharpening: float) -> None:
+    rng = np.random.default_rng(seed)
+    h, w, high, wide = (int(side) for side in rng.integers(1, 30, 4))
+    roi = rng.integers(0, 256, (high + 5, wide + 9, 3), np.uint8)[2:-3, 4:-5]
+    mesh = on_mesh(rng, h * w, (high, wide))
+
+    def arguments() -> tuple[Any, ...]:
+        return *mesh, roi, sharpening, np.zeros((h * w, 2), np.float32), np.zeros((h, w, 3), np.float32)
+
+    made = both("show_through", arguments, (5, 6))
+    assert_alike([[places] for places, _ in made], MOST_PIXELS)
+    assert_alike([[own] for _, own in made], 0.1)
+
+
+@compiled
+@settings(max_examples=60, deadline=None)
+@given(seeds, st.floats(0, 1))
+def test_lay_over(seed: int, shown: float) -> None:
+    rng = np.random.default_rng(seed)
+    h, w = (int(side) for side in rng.integers(1, 30, 2))
+    own = rng.uniform(-30, 290, (h, w, 3)).astype(np.float32)
+    share = rng.random((h, w + 3), np.float32)[:, 2:-1]
+    picture = rng.integers(0, 256, (h, w + 7, 3), np.uint8)
+
+    def arguments() -> tuple[Any, ...]:
+        return own, share, shown, picture.copy()[:, 3:-4]
+
+    assert_alike(both("lay_over", arguments, (3,)), MOST_LEVELS)
 
 
 @compiled

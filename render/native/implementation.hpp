@@ -18,10 +18,12 @@ template <int Place, class T> T *memory(i64 size) {
 
 #include "composite.hpp"
 #include "geometry.hpp"
+#include "openings.hpp"
 #include "texture.hpp"
 #include "tracking.hpp"
 
-const Kernels KERNELS = {composite, expressed, fit_cascade, lit, mesh_positions, scattered};
+const Kernels KERNELS = {composite, expressed, fit_cascade, lay_over, lit, mesh_positions, scattered,
+                          show_through};
 
 }  // namespace GUISE_NAMESPACE
 }  // namespace guise

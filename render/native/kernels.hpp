@@ -18,6 +18,7 @@ struct Kernels {
                           Array<const float> stages, Array<const float> texture_mean,
                           Array<const float> texture_basis, Array<const double> limits, Array<double> shape,
                           Array<double> parameters);
+    void (*lay_over)(Array<const float> own, Array<const float> share, double shown, Array<u8> picture);
     void (*lit)(Array<const float> texture, Array<const i64> pixels, i64 width, Array<const float> cells, double cell,
                 Array<const i64> in_parts, Array<const float> shares, Array<const float> parts,
                 Array<const float> to_stored, Array<float> planes);
@@ -25,6 +26,8 @@ struct Kernels {
                            Array<float> places);
     void (*scattered)(Array<const float> planes, Array<const i64> pixels, Array<const i64> beside,
                       Array<const i64> nearest, Array<u8> picture);
+    void (*show_through)(Array<const i64> corners, Array<const float> weights, Array<const double> head,
+                         Array<const u8> roi, double sharpening, Array<float> places, Array<float> own);
 };
 
 // Null where the compiler or the processor lacks the instruction set.

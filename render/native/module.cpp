@@ -182,9 +182,11 @@ PyMethodDef METHODS[] = {
     KERNEL(composite),
     KERNEL(expressed),
     KERNEL(fit_cascade),
+    KERNEL(lay_over),
     KERNEL(lit),
     KERNEL(mesh_positions),
     KERNEL(scattered),
+    KERNEL(show_through),
     {nullptr, nullptr, 0, nullptr}};
 
 PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "_kernels", "Guise's compiled kernels.", -1, METHODS,

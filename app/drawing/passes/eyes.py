@@ -51,9 +51,10 @@ from guise.app.drawing.face import (
 )
 from guise.app.drawing.memory import GazeMemory, Memory
 from guise.common import small
-from guise.common.arrays import F32, F64, U8
+from guise.common.arrays import F32, F64, U8, Int
 from guise.common.decay import Decay
 from guise.common.interpolation import interpolation
+from guise.common.kernels import kernel
 from guise.common.tuned import derived, tuned
 
 
@@ -191,7 +192,6 @@ class Aperture:
             lids = _enlarged(lids, factor)[self._place]
             self._tint = tint(lids, self._eye)
             self._width = width_to_nose(part, at_rest)
-            self._zeros = np.zeros((*lids.shape, 3), np.float32)
 
     def fill(self, face: FaceInFrame, memory: Memory, shut: tuple[float, float]) -> None:
         """Lay what the frame shows of the head there into the picture.
@@ -202,45 +202,66 @@ class Aperture:
         if shown == 0:
             return
         canvas, head, parsing = face.canvas, face.head - face.canvas.corner, face.parsed
-        places = self._sampler.positions(head)
-        grid = places.reshape(*self._share.shape, 2)
-        own = cv2.remap(canvas.roi, grid, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
-        own = cv2.addWeighted(
-            own, 1 + LIMITS.sharpening, cv2.GaussianBlur(own, (3, 3), 0), -LIMITS.sharpening, 0
-        )
+        picture, share = canvas.picture[self._place], self._share
+        own, places = np.empty(picture.shape, np.float32), np.empty((share.size, 2), np.float32)
+        corners, weights = self._sampler.vertices, self._sampler.weights
+        show_through(corners, weights, head, canvas.roi, LIMITS.sharpening, places, own)
         if self._tint is not None:
             colour = face.frame.yuv
-            eye = cv2.transform(own.astype(np.float32), colour.to_rgb)
+            eye = np.asarray(cv2.transform(own, colour.to_rgb), np.float32)
             within = in_eye(places, head[self._part], self._width * nose_length(head))
             seen = np.float32(1 - shut[self._eye]) * _eye_seen(parsing, places)
-            eye = self._tint.apply(np.asarray(eye, np.float32), within, seen, memory.gaze, memory.clock.step)
-            eye = cv2.transform(eye, colour.from_rgb)
-            own = cv2.add(eye, self._zeros, dtype=cv2.CV_8U)  # rounds and saturates
-        here = np.ascontiguousarray(canvas.picture[self._place])
-        share = self._share * np.float32(shown)
+            eye = self._tint.apply(eye, within, seen, memory.gaze, memory.clock.step)
+            own = np.asarray(cv2.transform(eye, colour.from_rgb), np.float32)
         if self._only_shut:
             skin = self._skin
             if parsing is not None:
                 brows = parsing.at(places, parsing.shares[FaceClass.BROWS])
                 bare = 1 - ramp(brows, LIMITS.cell_share).reshape(share.shape)
-                share *= bare
-                skin = skin * bare
-            own = self._in_tone_of(here, own, skin)
-        canvas.picture[self._place] = cv2.blendLinear(own, here, share, 1 - share)
+                share, skin = share * bare, skin * bare
+            self._give_tone(own, picture, skin)
+        lay_over(own, share, shown, picture)
 
-    def _in_tone_of(self, here: U8, own: U8, skin: F32) -> U8:
-        """The source's shut eye (h, w, 3) with the tone of the skin (h, w) around it in the picture, not of theirs."""
-        both = (
-            np.concatenate([here, own, np.ones_like(own[..., :1])], 2)
-            * (skin + np.float32(MIN_SHARE))[..., None]
+    def _give_tone(self, own: F32, picture: U8, skin: F32) -> None:
+        """Give the source's shut eye (h, w, 3), in place, the tone of the skin (h, w) around it in the picture."""
+        h, w = skin.shape
+        weights = skin + np.float32(MIN_SHARE)
+        weighted = [weights[..., None] * one for one in (picture, own)]
+        cells = max(round(2 * w / self._sigma), 1), max(round(2 * h / self._sigma), 1)
+        sigma = self._sigma * cells[0] / w
+        there, theirs, around = (
+            cv2.GaussianBlur(cv2.resize(one, cells, interpolation=cv2.INTER_AREA), (0, 0), sigma)
+            for one in (*weighted, weights)
         )
-        sums = cv2.GaussianBlur(both, (0, 0), self._sigma)
-        there, theirs, around = sums[..., :3], sums[..., 3:6], sums[..., 6:]
-        made = own + (there - theirs) / around
-        made[..., 0] = own[..., 0] * (there[..., 0] / (theirs[..., 0] + np.float32(MIN_SHARE)))
-        return np.asarray(
-            cv2.addWeighted(made, 1, made, 0, 0, dtype=cv2.CV_8U), np.uint8
-        )  # rounds and saturates
+        change = (there - theirs) / around[..., None]
+        change[..., 0] = there[..., 0] / (theirs[..., 0] + np.float32(MIN_SHARE))
+        change = np.asarray(cv2.resize(change, (w, h)), np.float32)
+        own[..., 0] *= change[..., 0]
+        own[..., 1:] += change[..., 1:]
+
+
+@kernel
+def show_through(
+    corners: Int, weights: F32, head: F64, roi: U8, sharpening: float, places: F32, own: F32
+) -> None:
+    """Read a rectangle (h, w, 3) of a frame at places of a mesh, and sharpen what is seen.
+
+    corners, weights : (3, n) of the places, see `MeshSampler`.   head : (p, 2) points of the mesh in the rectangle.
+    sharpening : share of an unsharp mask.
+    Out: places (n, 2) in the rectangle; own (y, x, 3) grey levels, n pixels.
+    """
+    places[:] = MeshSampler(corners, weights).positions(head)
+    grid = places.reshape(*own.shape[:2], 2)
+    seen = cv2.remap(roi.astype(np.float32), grid, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+    own[:] = cv2.addWeighted(seen, 1 + sharpening, cv2.GaussianBlur(seen, (3, 3), 0), -sharpening, 0)
+
+
+@kernel
+def lay_over(own: F32, share: F32, shown: float, picture: U8) -> None:
+    """Draw grey levels (h, w, 3) over a picture (h, w, 3), in place, by shares (h, w), times that which is shown."""
+    shares = (np.float32(shown) * share)[..., None]
+    made = picture + shares * (np.minimum(np.maximum(own, 0), 255) - picture)
+    picture[:] = np.rint(made)
 
 
 class Apertures:
