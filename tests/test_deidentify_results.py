@@ -23,7 +23,7 @@ from guise.app.deidentify.covers import (
 )
 from guise.app.deidentify.report.page import COUNTS, frame_shares
 from guise.app.deidentify.report.report import frames_with, outcome, unverified, verdict
-from guise.app.deidentify.run.results import outcomes_of
+from guise.app.deidentify.run.results import outcomes_of, renderers_of
 from guise.app.deidentify.stages.render import as_drawn
 from guise.app.deidentify.tracks import FileReport
 from guise.app.drawing.engine import SwapResult
@@ -139,3 +139,9 @@ def test_detections_of_one_place_share_a_number_while_they_follow_each_other() -
     boxes = np.array([box, box + 90, box + 3, box, box + 90])
     assert numbered(frames, boxes, 18).tolist() == [1, 2, 1, 3, 4]
     assert numbered(frames, boxes, 40).tolist() == [1, 2, 1, 1, 2]
+
+
+def test_machines_that_draw_in_different_ways_are_named_once_each() -> None:
+    jobs = [{"renderer": name} for name in ("CPU: avx2 kernels", "", "CPU: numpy kernels", "CPU: avx2 kernels")]
+    assert renderers_of(jobs) == "CPU: avx2 kernels and CPU: numpy kernels"
+    assert renderers_of(jobs[1:2]) == ""

@@ -1,4 +1,4 @@
-// For x86-64 with AVX2 and its half floats (F16C).
+// For x86-64 with AVX2; processors that have it read half floats (F16C), too.
 
 #include "standard.hpp"
 
@@ -20,7 +20,7 @@
 #endif
 
 const guise::Kernels *guise::avx2_kernels() {
-    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("f16c") ? &avx2::KERNELS : nullptr;
+    return __builtin_cpu_supports("avx2") ? &avx2::KERNELS : nullptr;
 }
 #else
 const guise::Kernels *guise::avx2_kernels() { return nullptr; }

@@ -54,10 +54,15 @@ def report_of(case: Case, names: tuple[str, str], output: Path, seconds: float) 
     return FileReport(
         *names, case.scan.frames, case.times, width, height, case.tracks,
         outcomes_of(rows, [track.number for track in case.tracks]), tuple(findings),
-        tuple(covers_of(rows)), {**_settings(case.options), "renderer": renders[0]["renderer"]},
+        tuple(covers_of(rows)), {**_settings(case.options), "renderer": renderers_of(renders)},
         tuple(dict.fromkeys(problems)), round(seconds, 3), _digest(output), sum(r["searched"] for r in renders),
         any(found["damage"] for found in read), tuple(frame for r in renders for frame in r["unclear"]),
     )  # fmt: skip
+
+
+def renderers_of(renders: Sequence[dict[str, Any]]) -> str:
+    """What drew the faces of the jobs; several where machines differ, whose pictures do by 1/255 at most."""
+    return " and ".join(dict.fromkeys(job["renderer"] for job in renders if job["renderer"]))
 
 
 def drawn_rows(case: Case) -> dict[str, NDArray[Any]]:
