@@ -142,6 +142,8 @@ def test_detections_of_one_place_share_a_number_while_they_follow_each_other() -
 
 
 def test_machines_that_draw_in_different_ways_are_named_once_each() -> None:
-    jobs = [{"renderer": name} for name in ("CPU: avx2 kernels", "", "CPU: numpy kernels", "CPU: avx2 kernels")]
+    jobs = [
+        {"renderer": name} for name in ("CPU: avx2 kernels", "", "CPU: numpy kernels", "CPU: avx2 kernels")
+    ]
     assert renderers_of(jobs) == "CPU: avx2 kernels and CPU: numpy kernels"
     assert renderers_of(jobs[1:2]) == ""
