@@ -102,15 +102,18 @@ class Extrapolator:
         matrix = target @ self._amounts
         matrix += np.float32(value) * self._soft * (source - matrix)
         matrix *= self._shown
-        self._of_shape = matrix[:SHAPE_ENTRIES]
+        # Of the parameters, then of what is taken back of the target's modes.
+        both = np.concatenate([matrix, -self._shown * target], axis=1)
+        self._of_shape = both[:SHAPE_ENTRIES]
         # Half floats suffice, as a term of the sum is a few grey levels, but NumPy takes long to read them.
         kind = np.float32 if COMPILED is None else np.float16
-        self._of_texture = np.ascontiguousarray(matrix[SHAPE_ENTRIES:].T.astype(kind))
+        self._of_texture = np.ascontiguousarray(both[SHAPE_ENTRIES:].T.astype(kind))
 
     @property
     def matrix(self) -> F32:
         """M (n, k), of whose texture half floats are kept."""
-        return np.concatenate([self._of_shape, self._of_texture.T.astype(np.float32)])
+        both = np.concatenate([self._of_shape, self._of_texture.T.astype(np.float32)])
+        return both[:, : len(self._rest)]
 
     def apply(self, parameters: F32, share: float = 1.0, factors: F32 | None = None) -> F32:
         """Target appearance (n,) of source parameters rho_s (k,).
@@ -119,31 +122,26 @@ class Extrapolator:
         factors : of the texture's pixels; None for 1.
         """
         away = np.float32(share) * (parameters - self._rest)
-        base, beyond = self._base, self._beyond(away)
-        if beyond is not None:
-            base = base - beyond
-        made = np.empty_like(base)
-        made[:SHAPE_ENTRIES] = base[:SHAPE_ENTRIES] + self._of_shape @ away
+        amounts = np.concatenate([away, self._beyond(away)])
+        made = np.empty_like(self._base)
+        made[:SHAPE_ENTRIES] = self._base[:SHAPE_ENTRIES] + self._of_shape @ amounts
         factors = self._ones if factors is None else factors
-        expressed(base[SHAPE_ENTRIES:], self._of_texture, away, factors, made[SHAPE_ENTRIES:])
+        expressed(self._base[SHAPE_ENTRIES:], self._of_texture, amounts, factors, made[SHAPE_ENTRIES:])
         return made
 
-    def _beyond(self, away: F32) -> F32 | None:
-        """What parameters on a way from rest have more of the target's modes than they may; None if nothing."""
-        if self._most is None:
-            return None
+    def _beyond(self, away: F32) -> F32:
+        """By how much parameters on a way from rest (k,) have more of the target's modes than they may."""
         amounts = self._amounts @ away
-        excess = amounts - np.minimum(np.maximum(amounts, -self._most), self._most)
-        modes = excess.nonzero()[0]
-        if not len(modes):
-            return None
-        return np.asarray(self._shown[:, 0] * (self._bases[1][:, modes] @ excess[modes]), np.float32)
+        if self._most is None:
+            return np.zeros_like(amounts)
+        return np.asarray(amounts - np.minimum(np.maximum(amounts, -self._most), self._most), np.float32)
 
 
 @kernel
 def expressed(base: F32, matrix: NDArray[np.floating], away: F32, factors: F32, out: F32) -> None:
     """out = (base + matrix^T away) factors: a texture (3 n,) of a base, modes (k, 3 n), amounts (k,), factors (n,)."""
-    np.dot(away, np.asarray(matrix, np.float32), out=out)
+    used = int(away.nonzero()[0].max(initial=-1)) + 1
+    np.dot(away[:used], np.asarray(matrix[:used], np.float32), out=out)
     out += base
     out.reshape(-1, 3)[:] *= factors[:, None]
 

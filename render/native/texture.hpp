@@ -28,7 +28,9 @@ void expressed(Array<const float> base, Array<const u16> matrix, Array<const flo
     for (i64 start = 0; start < size; start += BLOCK) {
         const i64 count = std::min(BLOCK, size - start);
         std::memcpy(sum, base.data + start, std::size_t(count) * sizeof(float));
-        for (i64 k = 0; k < modes; ++k) add_halves(matrix.row(k) + start, away.data[k], sum, count);
+        for (i64 k = 0; k < modes; ++k) {
+            if (away.data[k] != 0) add_halves(matrix.row(k) + start, away.data[k], sum, count);
+        }
         const float *factor = factors.data + start / 3;
         float *made = out.data + start;
         for (i64 i = 0; i < count / 3; ++i) {
