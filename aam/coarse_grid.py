@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 
 from guise.aam.reference import ReferenceFrame
-from guise.common.arrays import F32, Floating, Int
+from guise.common.arrays import F32, F64, Floating, Int
+from guise.common.kernels import kernel
 
 
 @dataclass(frozen=True)
@@ -105,21 +106,26 @@ class TexelSums:
         corner = np.floor(places).astype(np.intp)
         x, y = (places - corner).T
         first = corner[:, 1] * size[1] + corner[:, 0]
-        self._corners = np.concatenate([first, first + 1, first + size[1], first + size[1] + 1])
+        self._corners = np.stack([first, first + 1, first + size[1], first + size[1] + 1])
         self._shares = np.stack([(1 - y) * (1 - x), (1 - y) * x, y * (1 - x), y * x]).astype(np.float64)
-        self._cells: dict[int, Int] = {}  # of several planes, one after the other
 
     def __call__(self, values: Floating, weights: Floating) -> F32:
         """Planes (c + 1, h, w): sums of weights (t,) times values (t, c), then of the weights."""
-        planes, area = values.shape[1] + 1, self._size[0] * self._size[1]
-        if planes not in self._cells:
-            self._cells[planes] = (self._corners + area * np.arange(planes)[:, None]).ravel()
-        shares = self._shares * weights
-        weighted = np.empty((planes, *shares.shape))
-        np.multiply(shares, values.T[:, None], out=weighted[:-1])
-        weighted[-1] = shares
-        sums = np.bincount(self._cells[planes], weighted.ravel(), planes * area)
-        return sums.astype(np.float32).reshape(planes, *self._size)
+        sums = np.empty((values.shape[1] + 1, *self._size), np.float32)
+        values, weights = (np.ascontiguousarray(one, np.float32) for one in (values, weights))
+        texel_sums(self._corners, self._shares, values, weights, sums)
+        return sums
+
+
+@kernel
+def texel_sums(corners: Int, shares: F64, values: F32, weights: F32, sums: F32) -> None:
+    """Planes (c + 1, h, w): sums of weights (t,) times values (t, c), then of the weights.
+
+    corners, shares : (4, t) flat indices of the cells around each texel, and its share in each.
+    """
+    weighted = shares * weights
+    for plane, column in zip(sums.reshape(len(sums), -1), [*values.T, 1], strict=True):
+        plane[:] = np.bincount(corners.ravel(), (weighted * column).ravel(), plane.size)
 
 
 class CellReader:

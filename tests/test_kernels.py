@@ -157,6 +157,21 @@ def test_lit_and_scattered(seed: int) -> None:
 
 
 @compiled
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.integers(0, 300), st.integers(0, 7))
+def test_texel_sums(seed: int, texels: int, planes: int) -> None:
+    rng = np.random.default_rng(seed)
+    corners, shares = rng.integers(0, 5 * 6, (4, texels)), rng.random((4, texels))
+    values = rng.uniform(0, 255, (texels, planes)).astype(np.float32)
+    weights = rng.random(texels).astype(np.float32)
+
+    def arguments() -> tuple[Any, ...]:
+        return corners, shares, values, weights, np.empty((planes + 1, 5, 6), np.float32)
+
+    assert_alike(both("texel_sums", arguments, (4,)), 0.01)
+
+
+@compiled
 def test_each_kernel_has_a_twin_and_is_used() -> None:
     kernels = {name for name in dir(COMPILED) if not name.startswith("_")} - {"sets", "use"}
     assert kernels == set(TWINS)

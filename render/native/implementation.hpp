@@ -22,8 +22,13 @@ template <int Place, class T> T *memory(i64 size) {
 #include "texture.hpp"
 #include "tracking.hpp"
 
-const Kernels KERNELS = {composite, expressed, fit_cascade, lay_over, lit, mesh_positions, scattered,
-                          show_through};
+#define GUISE_SET(name) made.name = name;
+constexpr Kernels KERNELS = [] {
+    Kernels made{};
+    GUISE_KERNELS(GUISE_SET)
+    return made;
+}();
+#undef GUISE_SET
 
 }  // namespace GUISE_NAMESPACE
 }  // namespace guise

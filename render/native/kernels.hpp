@@ -6,6 +6,18 @@
 
 namespace guise {
 
+// Their names.
+#define GUISE_KERNELS(K) \
+    K(composite) \
+    K(expressed) \
+    K(fit_cascade) \
+    K(lay_over) \
+    K(lit) \
+    K(mesh_positions) \
+    K(scattered) \
+    K(show_through) \
+    K(texel_sums) \
+
 // Each has a NumPy twin of the same name, which says what it does: look for `@kernel` in the Python code.
 struct Kernels {
     void (*composite)(Array<const u8> texture, Array<const u8> alpha, Array<const double> snapped,
@@ -28,6 +40,8 @@ struct Kernels {
                       Array<const i64> nearest, Array<u8> picture);
     void (*show_through)(Array<const i64> corners, Array<const float> weights, Array<const double> head,
                          Array<const u8> roi, double sharpening, Array<float> places, Array<float> own);
+    void (*texel_sums)(Array<const i64> corners, Array<const double> shares, Array<const float> values,
+                       Array<const float> weights, Array<float> sums);
 };
 
 // Null where the compiler or the processor lacks the instruction set.

@@ -174,19 +174,12 @@ PyObject *use(PyObject *, PyObject *wanted) {
 }
 
 #define KERNEL(name) \
-    {#name, reinterpret_cast<PyCFunction>(reinterpret_cast<void *>(function<&Kernels::name>)), METH_FASTCALL, nullptr}
+    {#name, reinterpret_cast<PyCFunction>(reinterpret_cast<void *>(function<&Kernels::name>)), METH_FASTCALL, nullptr},
 
 PyMethodDef METHODS[] = {
     {"sets", sets, METH_NOARGS, "Names of the instruction sets that the kernels can use here, the best first."},
     {"use", use, METH_O, "Take the kernels of an instruction set; ValueError if there are none."},
-    KERNEL(composite),
-    KERNEL(expressed),
-    KERNEL(fit_cascade),
-    KERNEL(lay_over),
-    KERNEL(lit),
-    KERNEL(mesh_positions),
-    KERNEL(scattered),
-    KERNEL(show_through),
+    GUISE_KERNELS(KERNEL)
     {nullptr, nullptr, 0, nullptr}};
 
 PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "_kernels", "Guise's compiled kernels.", -1, METHODS,

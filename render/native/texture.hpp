@@ -39,6 +39,31 @@ void expressed(Array<const float> base, Array<const u16> matrix, Array<const flo
     }
 }
 
+void texel_sums(Array<const i64> corners, Array<const double> shares, Array<const float> values,
+                Array<const float> weights, Array<float> sums) {
+    const i64 count = weights.size(), planes = values.shape[1] + 1, cells = sums.shape[1] * sums.shape[2];
+    require(corners.shape[0] == 4 && corners.shape[1] == count && corners.stride == count, "corners must be (4, t)");
+    require(shares.shape[0] == 4 && shares.shape[1] == count && shares.stride == count, "shares must be (4, t)");
+    require(values.shape[0] == count && values.axes == 2, "values must be (t, c)");
+    require(sums.shape[0] == planes && sums.axes == 3, "sums must be (c + 1, h, w)");
+    double *total = memory<24, double>(planes * cells), *value = memory<25, double>(planes);
+    std::fill(total, total + planes * cells, 0.0);
+    for (i64 t = 0; t < count; ++t) {
+        for (i64 k = 0; k + 1 < planes; ++k) value[k] = values.row(t)[k];
+        value[planes - 1] = 1;
+        for (i64 corner = 0; corner < 4; ++corner) {
+            const i64 cell = corners.row(corner)[t];
+            require(cell >= 0 && cell < cells, "corners must lie in the cells");
+            const double weight = shares.row(corner)[t] * double(weights.data[t]);
+            for (i64 k = 0; k < planes; ++k) total[planes * cell + k] += weight * value[k];
+        }
+    }
+    for (i64 k = 0; k < planes; ++k) {
+        float *plane = sums.row(k);
+        for (i64 cell = 0; cell < cells; ++cell) plane[cell] = float(total[planes * cell + k]);
+    }
+}
+
 // A row of cells between two rows: gains and offsets of each cell side by side, four floats each.
 inline void cells_between(Array<const float> cells, float v, float *row) {
     const i64 h = cells.shape[1], w = cells.shape[2];
