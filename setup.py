@@ -1,15 +1,12 @@
 """Guise's compiled kernels.  Where no compiler is, Guise is installed without them and runs their NumPy twins."""
 
 import sys
+from pathlib import Path
 
 from setuptools import Extension, setup
 from setuptools.command.bdist_wheel import bdist_wheel
 
 SOURCES = "module", "plain", "sse41", "avx2"
-HEADERS = (
-    "arrays", "composite", "geometry", "implementation", "kernels", "openings", "pixels", "standard",
-    "texture", "tracking",
-)  # fmt: skip
 # No contraction to fused products: every instruction set gives the same bytes.  Nobody asks for floating-point traps or
 # errno, without which loops of comparisons, roots and roundings are vectorised.
 GCC = "-std=c++17 -O3 -g0 -ffp-contract=off -fno-math-errno -fno-trapping-math"
@@ -29,7 +26,7 @@ setup(
         Extension(
             "guise.common._kernels",
             [f"render/native/{name}.cpp" for name in SOURCES],
-            depends=[f"render/native/{name}.hpp" for name in HEADERS],
+            depends=sorted(str(path) for path in Path("render/native").glob("*.hpp")),
             define_macros=[("Py_LIMITED_API", "0x030b0000")],
             extra_compile_args=FLAGS,
             language="c++",

@@ -172,6 +172,24 @@ def test_texel_sums(seed: int, texels: int, planes: int) -> None:
 
 
 @compiled
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.integers(1, 40), st.integers(1, 40), st.integers(0, 2), st.integers(0, 1))
+def test_merge_planes(seed: int, height: int, width: int, shift_x: int, shift_y: int) -> None:
+    rng = np.random.default_rng(seed)
+    left, top = (int(rng.integers(0, 1 << shift)) for shift in (shift_x, shift_y))
+    cells = ((top + height - 1) >> shift_y) + 1, ((left + width - 1) >> shift_x) + 1
+    luma, u, v = (
+        rng.integers(0, 256, (rows, columns + 5), np.uint8)[:, 3:-2]
+        for rows, columns in ((height, width), cells, cells)
+    )
+
+    def arguments() -> tuple[Any, ...]:
+        return luma, u, v, shift_x, shift_y, left, top, np.empty((height, width, 3), np.uint8)
+
+    assert_alike(both("merge_planes", arguments, (7,)), 0)
+
+
+@compiled
 def test_each_kernel_has_a_twin_and_is_used() -> None:
     kernels = {name for name in dir(COMPILED) if not name.startswith("_")} - {"sets", "use"}
     assert kernels == set(TWINS)

@@ -22,6 +22,7 @@ from guise.app.media import colour as tags
 from guise.app.media.colour import ColourMatrix, gbr_matrix, yuv_matrix
 from guise.app.media.orientation import AS_STORED, Orientation, Points
 from guise.app.media.pixel_formats import DEEP_FORMATS, NATIVE_FORMATS, SHALLOW, depth, has_alpha
+from guise.common.kernels import kernel
 from guise.common.sampling import remap_points
 
 if TYPE_CHECKING:
@@ -188,24 +189,15 @@ class Frame:
             gbr = np.empty((h, w, 3), np.uint8)  # three copies of planes: many times faster than an index
             gbr[..., 0], gbr[..., 1], gbr[..., 2] = shown[..., 1], shown[..., 2], shown[..., 0]
             return gbr
-        luma, *chroma = self._shown_planes()
-        parts = [luma[y0 : y0 + h, x0 : x0 + w]]
-        parts += [self._read_chroma(plane, x0, y0, w, h) for plane in chroma]
-        parts += [np.full((h, w), 128, np.uint8)] * (3 - len(parts))
-        return np.asarray(cv2.merge(parts), np.uint8)
-
-    def _read_chroma(self, plane: Plane, x0: int, y0: int, w: int, h: int) -> Plane:
-        if self._shift == (0, 0):
-            return plane[y0 : y0 + h, x0 : x0 + w]
-        cx0, cx1, left = self._cells(x0, w, 0)
-        cy0, cy1, top = self._cells(y0, h, 1)
-        up = plane[cy0:cy1, cx0:cx1]
-        for _ in range(
-            self._shift[0]
-        ):  # every sample twice, as a word of two bytes: many times faster than cv2.resize
-            up = (up.astype(np.uint16, order="C") * np.uint16(0x101)).view(np.uint8)
-        up = up.repeat(1 << self._shift[1], axis=0)
-        return np.asarray(up[top : top + h, left : left + w], np.uint8)
+        luma, *chroma = (_rows(plane) for plane in self._shown_planes())
+        made = np.empty((h, w, 3), np.uint8)
+        if not chroma:
+            made[..., 0], made[..., 1:] = luma[y0 : y0 + h, x0 : x0 + w], 128
+            return made
+        (cx0, cx1, left), (cy0, cy1, top) = self._cells(x0, w, 0), self._cells(y0, h, 1)
+        parts = (plane[cy0:cy1, cx0:cx1] for plane in chroma)
+        merge_planes(luma[y0 : y0 + h, x0 : x0 + w], *parts, *self._shift, left, top, made)
+        return made
 
     def write_roi(self, x0: int, y0: int, yuv: Plane, hidden: Plane | None = None) -> None:
         """Write a rectangle of components back in place.
@@ -437,6 +429,26 @@ def clone_video_frame(video: av.VideoFrame, width: int = 0, height: int = 0, fmt
     twin.colorspace, twin.color_range = video.colorspace, video.color_range
     twin.color_trc, twin.color_primaries = video.color_trc, video.color_primaries
     return twin
+
+
+def _rows(plane: Plane) -> Plane:
+    """A plane whose pixels of a row lie side by side, as those of a turned picture do not."""
+    return plane if plane.strides[1] == 1 else np.ascontiguousarray(plane)
+
+
+@kernel
+def merge_planes(
+    luma: Plane, u: Plane, v: Plane, shift_x: int, shift_y: int, left: int, top: int, out: Plane
+) -> None:
+    """Components (h, w, 3) of planes, luma (h, w) and chroma of cells of 2^shift pixels, which is repeated.
+
+    left, top : pixels of the first cells before those of luma.
+    """
+    h, w = luma.shape
+    chroma = (
+        c.repeat(1 << shift_x, 1).repeat(1 << shift_y, 0)[top : top + h, left : left + w] for c in (u, v)
+    )
+    out[..., 0], out[..., 1], out[..., 2] = luma, *chroma
 
 
 def _bilinear(points: Points, *planes: Plane) -> list[NDArray[np.float32]]:

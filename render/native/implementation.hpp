@@ -17,6 +17,7 @@ template <int Place, class T> T *memory(i64 size) {
 #include "pixels.hpp"
 
 #include "composite.hpp"
+#include "frame.hpp"
 #include "geometry.hpp"
 #include "openings.hpp"
 #include "texture.hpp"

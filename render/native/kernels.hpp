@@ -13,6 +13,7 @@ namespace guise {
     K(fit_cascade) \
     K(lay_over) \
     K(lit) \
+    K(merge_planes) \
     K(mesh_positions) \
     K(scattered) \
     K(show_through) \
@@ -34,6 +35,8 @@ struct Kernels {
     void (*lit)(Array<const float> texture, Array<const i64> pixels, i64 width, Array<const float> cells, double cell,
                 Array<const i64> in_parts, Array<const float> shares, Array<const float> parts,
                 Array<const float> to_stored, Array<float> planes);
+    void (*merge_planes)(Array<const u8> luma, Array<const u8> u, Array<const u8> v, i64 shift_x, i64 shift_y,
+                         i64 left, i64 top, Array<u8> out);
     void (*mesh_positions)(Array<const double> points, Array<const i64> vertices, Array<const float> weights,
                            Array<float> places);
     void (*scattered)(Array<const float> planes, Array<const i64> pixels, Array<const i64> beside,
