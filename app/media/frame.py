@@ -195,8 +195,8 @@ class Frame:
             made[..., 0], made[..., 1:] = luma[y0 : y0 + h, x0 : x0 + w], 128
             return made
         (cx0, cx1, left), (cy0, cy1, top) = self._cells(x0, w, 0), self._cells(y0, h, 1)
-        parts = (plane[cy0:cy1, cx0:cx1] for plane in chroma)
-        merge_planes(luma[y0 : y0 + h, x0 : x0 + w], *parts, *self._shift, left, top, made)
+        u, v = (plane[cy0:cy1, cx0:cx1] for plane in chroma)
+        merge_planes(luma[y0 : y0 + h, x0 : x0 + w], u, v, *self._shift, left, top, made)
         return made
 
     def write_roi(self, x0: int, y0: int, yuv: Plane, hidden: Plane | None = None) -> None:
