@@ -55,7 +55,14 @@ LIMITS = IrisLimits()
 
 
 def in_eye(points: Floating, outline: F64, whole: float | None = None) -> F32:
-    """Points (n, 2) of a picture in widths of the eye with an outline (6, 2) there.
+    """Points (n, 2) of a picture in widths of the eye with an outline (6, 2) there, see `eye_axes`."""
+    axes = eye_axes(outline, whole)
+    places: F32 = (np.asarray(points, np.float32) - axes[0]) @ axes[1:]
+    return places
+
+
+def eye_axes(outline: F64, whole: float | None = None) -> F32:
+    """(3, 2) middle of an eye with an outline (6, 2), and the matrix by which rows from there become places in it.
 
     whole : width in pixels that it would have from the front, by which heights are divided; by default its own.
     """
@@ -63,9 +70,9 @@ def in_eye(points: Floating, outline: F64, whole: float | None = None) -> F32:
     (x, y), middle = last - first, (first + last) / 2
     width, (least, most) = max(math.hypot(x, y), 1e-3), LIMITS.turn
     height = width if whole is None else min(max(whole, least * width), most * width)
-    axes = np.array([[x / width, -y / height], [y / width, x / height]], np.float32) / np.float32(width)
-    places: F32 = (np.asarray(points, np.float32) - middle.astype(np.float32)) @ axes
-    return places
+    axes = np.array([middle, (x / width, -y / height), (y / width, x / height)], np.float32)
+    axes[1:] /= np.float32(width)
+    return axes
 
 
 def nose_length(shape: F64) -> float:
@@ -147,14 +154,18 @@ class Irises:
         """(3,) RGB of the iris, shares of the white."""
         return np.asarray(self.at(np.linspace(*LIMITS.iris, LIMITS.rings, dtype=np.float32)).mean(1))
 
-    def at(self, away: F32, profile: F32 | None = None) -> F32:
-        """(3, ...) shares of the white at distances from the middle, radii; or of another profile (..., rings)."""
-        profile = self.profile.T if profile is None else profile
-        rings = LIMITS.rings / LIMITS.reach * away - np.float32(0.5)
-        ring = np.minimum(np.maximum(rings, 0), LIMITS.rings - 1.001)
-        low, share = ring.astype(np.intp), ring - np.floor(ring)
-        shown: F32 = profile[..., low] * (1 - share) + profile[..., low + 1] * share
-        return shown
+    def at(self, away: F32) -> F32:
+        """(3, ...) shares of the white at distances from the middle, radii."""
+        return at_rings(self.profile.T, away)
+
+
+def at_rings(profile: F32, away: F32) -> F32:
+    """Values of rings (..., rings) at distances (...) from their middle, radii: (..., ...)."""
+    rings = LIMITS.rings / LIMITS.reach * away - np.float32(0.5)
+    ring = np.minimum(np.maximum(rings, 0), LIMITS.rings - 1.001)
+    low, share = ring.astype(np.intp), ring - np.floor(ring)
+    shown: F32 = profile[..., low] * (1 - share) + profile[..., low + 1] * share
+    return shown
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,9 +42,9 @@ from guise.app.drawing.passes.eyes import (
     Eyeballs,
     LidCloser,
     ShutShares,
-    _eye_seen,
     eye_openings,
 )
+from guise.app.drawing.passes.irises import eye_seen
 from guise.app.media import Frame, open_input
 from guise.common.arrays import F32, F64, U8, Bool
 
@@ -151,11 +151,12 @@ def test_what_the_parsing_takes_for_lid_is_no_eye_unless_it_sees_no_eye_at_all(
     lower_half = np.zeros((64, 64), np.float32)
     lower_half[32:] = most
     places = np.stack(np.meshgrid(np.arange(20, 40), np.arange(20, 80)), -1).astype(np.float32).reshape(-1, 2)
-    seen = _eye_seen(parsed({FaceClass.EYES: lower_half}), places)
+    to_cells = parsed({}).to_cells
+    seen = eye_seen(lower_half, to_cells, places)
     middle = FRAME.size[0] / 2
     assert (seen[places[:, 1] > middle + 3] == 1).all()
     assert seen[places[:, 1] < middle - 3] == pytest.approx(lid)
-    assert (_eye_seen(None, places) == 1).all()
+    assert (eye_seen(np.zeros((1, 1), np.float32), to_cells, places) == 1).all()
 
 
 def test_a_parsing_can_be_read_from_a_part_of_its_picture() -> None:

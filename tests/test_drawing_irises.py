@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from drawing import RGB
 
 from guise.aam.irises import LIMITS, Irises
 from guise.aam.landmarks.schemes import LEFT_EYE, RIGHT_EYE
@@ -23,6 +24,7 @@ BROWN, GREEN, CYAN, WHITE, SKIN = (
     np.float32(c) for c in ((60, 40, 36), (80, 95, 70), (135, 165, 165), (200, 195, 190), (190, 140, 120))
 )
 RADIUS, PUPIL = 13, 4
+WIDTHS = np.array([[0, 0], [1, 0], [0, 1]], np.float32)  # the places are in the eye already
 SHAPE = ReferenceFrame.canonical(96).points
 
 
@@ -51,9 +53,10 @@ class Tinted:
         found = np.array([[(seen_at - 38) / EYE, 0.0], [0.0, 0.0]])
         self.gaze = GazeMemory(found, found.copy())
 
-    def apply(self, picture: F32, seen: F32 | None = None, seconds: float = FRAME_SECONDS) -> F32:
-        shown = np.ones(LIDS.size, np.float32) if seen is None else seen.ravel()
-        return self.tint.apply(picture, PLACES.reshape(-1, 2), shown, self.gaze, seconds)
+    def apply(self, picture: F32, shown: float = 1.0, seconds: float = FRAME_SECONDS) -> F32:
+        made = picture.copy()
+        self.tint.apply(made, PLACES.reshape(-1, 2), WIDTHS, None, RGB, self.gaze, shown, seconds)
+        return made
 
 
 def tint(own: F32, other: F32, seen_at: float = 38) -> Tinted:
@@ -114,7 +117,7 @@ def test_a_lighter_iris_leaves_the_shade_of_the_lids() -> None:
 
 def test_a_shut_eye_keeps_its_colours() -> None:
     source = eye(GREEN, 41)
-    assert np.array_equal(tint(GREEN, BROWN).apply(source, np.zeros_like(LIDS)), source)
+    assert np.array_equal(tint(GREEN, BROWN).apply(source, 0.0), source)
 
 
 def test_no_eye_is_seen_through_lids_of_no_height() -> None:

@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
 import guise.app.drawing.plan  # noqa: F401, so that all kernels are known
+from guise.aam.irises import LIMITS
 from guise.aam.mask import beyond_mask
+from guise.app.drawing.passes.irises import MOVES, TOLD, TintNumbers
 from guise.common.kernels import COMPILED, RUNNING, TWINS
 from guise.render.mesh import TexturedMesh, snap
 
@@ -187,6 +189,37 @@ def test_merge_planes(seed: int, height: int, width: int, shift_x: int, shift_y:
         return luma, u, v, shift_x, shift_y, left, top, np.empty((height, width, 3), np.uint8)
 
     assert_alike(both("merge_planes", arguments, (7,)), 0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seeds, st.booleans(), st.booleans(), st.floats(0.3, 3.0))
+def test_tint_iris(seed: int, is_light: bool, lightens: bool, blur: float) -> None:
+    rng = np.random.default_rng(seed)
+    h, w = (int(side) for side in rng.integers(5, 40, 2))
+    ys, xs = np.mgrid[:h, :w].astype(np.float32)
+    middle, radius = np.array([w, h]) / 2, 0.25
+    away = np.hypot(xs - rng.normal(middle[0], w / 10), ys - middle[1])[..., None] / (radius * w)
+    eye = np.where(away < 1, 70, 190) * rng.uniform(0.7, 1.4, (h, w, 1)) + rng.normal(0, 12, (h, w, 3))
+    places = np.stack([xs, ys], -1).reshape(-1, 2) + rng.normal(0, 0.1, (h * w, 2))
+    axes = np.array([middle, (1 / w, 0.001), (-0.001, 1 / w)], np.float32)
+    cells = rng.random((9, 9), np.float32) ** 0.2
+    to_cells = np.array([[7 / w, 0, 0.4], [0, 9 / h, -0.6]])
+    lids = rng.random((h, w + 2), np.float32)[:, 1:-1]
+    to_rgb, from_rgb = (np.asarray(np.eye(3, 4) + rng.normal(0, 0.05, (3, 4)), np.float32) for _ in range(2))
+    factors = rng.uniform(0.3, 1.5, (2, 3)).astype(np.float32)
+    profiles = rng.uniform(0.1, 1, (2, LIMITS.rings, 3)).astype(np.float32)
+    told = TintNumbers(is_light, lightens, radius, 0.9, blur, 2.0, rng.uniform(0.1, 1), 0.25)
+    place = rng.normal(0, 0.05, (2, 2))
+
+    def arguments() -> tuple[Any, ...]:
+        return (
+            places.astype(np.float32), axes, cells, to_cells, lids, np.flatnonzero(lids > 0.5), to_rgb, from_rgb,
+            MOVES, factors, profiles, np.hstack([told, TOLD]), place.copy(), eye.astype(np.float32),
+        )  # fmt: skip
+
+    made = both("tint_iris", arguments, (12, 13))
+    assert_alike([[gaze] for gaze, _ in made], 1e-6)
+    assert_alike([[picture] for _, picture in made], 0.1)
 
 
 @compiled

@@ -19,6 +19,7 @@ template <int Place, class T> T *memory(i64 size) {
 #include "composite.hpp"
 #include "frame.hpp"
 #include "geometry.hpp"
+#include "irises.hpp"
 #include "openings.hpp"
 #include "texture.hpp"
 #include "tracking.hpp"

@@ -18,6 +18,7 @@ namespace guise {
     K(scattered) \
     K(show_through) \
     K(texel_sums) \
+    K(tint_iris) \
 
 // Each has a NumPy twin of the same name, which says what it does: look for `@kernel` in the Python code.
 struct Kernels {
@@ -45,6 +46,11 @@ struct Kernels {
                          Array<const u8> roi, double sharpening, Array<float> places, Array<float> own);
     void (*texel_sums)(Array<const i64> corners, Array<const double> shares, Array<const float> values,
                        Array<const float> weights, Array<float> sums);
+    void (*tint_iris)(Array<const float> places, Array<const float> axes, Array<const float> cells,
+                      Array<const double> to_cells, Array<const float> lids, Array<const i64> looked_at,
+                      Array<const float> to_rgb, Array<const float> from_rgb, Array<const double> moves,
+                      Array<const float> factors, Array<const float> profiles, Array<const double> numbers,
+                      Array<double> gaze, Array<float> eye);
 };
 
 // Null where the compiler or the processor lacks the instruction set.

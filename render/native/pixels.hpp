@@ -77,6 +77,33 @@ inline i64 mirrored(i64 k, i64 size) {
     return k;
 }
 
+// out = a plane (h, w) blurred by a Gaussian, mirrored at its border; out may be the plane itself.
+inline void gaussian(const float *plane, i64 h, i64 w, double sigma, float *out) {
+    const i64 reach = (i64(std::nearbyint(8 * sigma + 1)) | 1) / 2;  // four standard deviations
+    double *shares = memory<100, double>(reach + 1), sum = 0;
+    for (i64 k = 0; k <= reach; ++k) sum += (k ? 2 : 1) * (shares[k] = std::exp(-0.5 * double(k * k) / (sigma * sigma)));
+    float *weights = memory<101, float>(reach + 1), *down = memory<102, float>(h * w);
+    for (i64 k = 0; k <= reach; ++k) weights[k] = float(shares[k] / sum);
+    float *line = memory<103, float>(w + 2 * reach) + reach;
+    for (i64 y = 0; y < h; ++y) {
+        float *to = down + y * w;
+        for (i64 x = 0; x < w; ++x) to[x] = weights[0] * plane[y * w + x];
+        for (i64 k = 1; k <= reach; ++k) {
+            const float *above = plane + mirrored(y - k, h) * w, *below = plane + mirrored(y + k, h) * w, weight = weights[k];
+            for (i64 x = 0; x < w; ++x) to[x] += weight * (above[x] + below[x]);
+        }
+    }
+    for (i64 y = 0; y < h; ++y) {
+        float *to = out + y * w;
+        for (i64 x = -reach; x < w + reach; ++x) line[x] = down[y * w + mirrored(x, w)];
+        for (i64 x = 0; x < w; ++x) to[x] = weights[0] * line[x];
+        for (i64 k = 1; k <= reach; ++k) {
+            const float weight = weights[k];
+            for (i64 x = 0; x < w; ++x) to[x] += weight * (line[x - k] + line[x + k]);
+        }
+    }
+}
+
 // A picture (h, w, 3) that is read by cubic convolution (Keys, a = -0.75), beyond its border as at it.
 struct CubicPicture {
     Array<const u8> picture;

@@ -24,7 +24,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from guise.aam.irises import EYES, Irises, in_eye, nose_length, white, width_to_nose
+from guise.aam.irises import EYES, Irises, eye_axes, in_eye, nose_length, white, width_to_nose
 from guise.aam.landmarks.schemes import (
     EYE_OUTLINES,
     INNER_LIPS,
@@ -50,6 +50,7 @@ from guise.app.drawing.face import (
     ramp,
 )
 from guise.app.drawing.memory import GazeMemory, Memory
+from guise.app.media import ColourMatrix
 from guise.common import small
 from guise.common.arrays import F32, F64, U8, Int
 from guise.common.decay import Decay
@@ -68,10 +69,6 @@ class ApertureLimits:
     brow_growth_face_widths: float = tuned(0.025, "face widths", "picture.truth")
     # of a parsed cell, at which none and all is a brow's, or between lids
     cell_share: tuple[float, float] = tuned((0.3, 0.6), "share", "landmarks.parsing")
-    # likewise an eye's, of the largest in it,
-    eye_share: tuple[float, float] = tuned((0.15, 0.4), "share", "landmarks.parsing")
-    # which is believed from and at such a largest one
-    known_eye_share: tuple[float, float] = tuned((0.4, 0.7), "share", "landmarks.parsing")
     # of what the source shows, which is resampled twice; share of an unsharp mask
     sharpening: float = tuned(0.5, "ratio", "picture.truth")
     # of an eye over which a lid is drawn, and of the skin of which it is made, which is softened over half of that,
@@ -140,7 +137,10 @@ _LIDS = np.array(
 class Tint(Protocol):
     """Gives an eye of the source other colours."""
 
-    def apply(self, picture: F32, places: F32, seen: F32, gaze: GazeMemory, step: float) -> F32:
+    def apply(
+        self, eye: F32, places: F32, axes: F32, parsing: Parsing | None, colour: ColourMatrix, gaze: GazeMemory,
+        shown: float, step: float,
+    ) -> None:  # fmt: skip
         """See `IrisTint.apply`."""
 
 
@@ -207,12 +207,9 @@ class Aperture:
         corners, weights = self._sampler.vertices, self._sampler.weights
         show_through(corners, weights, head, canvas.roi, LIMITS.sharpening, places, own)
         if self._tint is not None:
-            colour = face.frame.yuv
-            eye = np.asarray(cv2.transform(own, colour.to_rgb), np.float32)
-            within = in_eye(places, head[self._part], self._width * nose_length(head))
-            seen = np.float32(1 - shut[self._eye]) * _eye_seen(parsing, places)
-            eye = self._tint.apply(eye, within, seen, memory.gaze, memory.clock.step)
-            own = np.asarray(cv2.transform(eye, colour.from_rgb), np.float32)
+            axes = eye_axes(head[self._part], self._width * nose_length(head))
+            open_, step = 1 - shut[self._eye], memory.clock.step
+            self._tint.apply(own, places, axes, parsing, face.frame.yuv, memory.gaze, open_, step)
         if self._only_shut:
             skin = self._skin
             if parsing is not None:
@@ -300,17 +297,6 @@ class Apertures:
             aperture.fill(face, memory, shut)
         for lid in self._lids(factor):
             lid.fill(face.canvas.picture, self._drawn_shut(openings))
-
-
-def _eye_seen(parsing: Parsing | None, places: F32) -> F32:
-    """(n,) share in [0, 1] by which the parsing takes places (n, 2) about an eye for eye, not lid."""
-    if parsing is None:
-        return np.ones(len(places), np.float32)
-    shares = parsing.at(places, parsing.shares[FaceClass.EYES])
-    most = float(np.maximum.reduce(shares, None))
-    known = np.float32(small.ramp(most, *LIMITS.known_eye_share))
-    seen: F32 = 1 - known * (1 - ramp(shares / np.float32(max(most, 1e-6)), LIMITS.eye_share))
-    return seen
 
 
 class ShutShares:

@@ -12,16 +12,23 @@ widths, corner to corner, from the middle of its corners, x along them.  RGB 0..
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from guise.aam.irises import EYES, Irises, in_eye, nose_length, white, width_to_nose
+from guise.aam.irises import EYES, Irises, at_rings, in_eye, nose_length, white, width_to_nose
+from guise.aam.irises import LIMITS as IRISES
 from guise.aam.light import LUMA
+from guise.aam.parsing import FaceClass, Parsing
 from guise.app.drawing.face import IRIS_BORDER, FaceInFrame, ramp
 from guise.app.drawing.memory import GazeMemory, Memory
-from guise.common.arrays import F32, F64, Floating, Int
+from guise.app.media import ColourMatrix
+from guise.common import small
+from guise.common.arrays import F32, F64, Bool, Floating, Int
 from guise.common.decay import Decay
+from guise.common.kernels import kernel
+from guise.common.sampling import remap_points
 from guise.common.tuned import tuned
 
 
@@ -41,6 +48,10 @@ class TintLimits:
     max_difference: float = 1.0  # of a pixel from that at rest, sum over the channels, shares of the white
     memory: Decay = tuned(Decay(0.25), "share", "picture.identity")  # of a place
     edge: float = tuned(0.7, "radii", "picture.identity")  # beyond which catch-lights fade
+    # of a parsed cell, of the largest in an eye, at which none and all is an eye's,
+    eye_share: tuple[float, float] = tuned((0.15, 0.4), "share", "landmarks.parsing")
+    # which is believed from and at such a largest one
+    known_eye_share: tuple[float, float] = tuned((0.4, 0.7), "share", "landmarks.parsing")
     # width of an eye in the clip from which a darker and a lighter iris is known
     known_eye_pixels: tuple[float, float] = tuned((22.0, 30.0), "pixels", "picture.identity")
     # Drawing.
@@ -62,11 +73,16 @@ class TintLimits:
 
 
 LIMITS = TintLimits()
-# (k, 2) steps about the best place so far, finer and finer.
-MOVES = [
-    LIMITS.step / 2**finer * np.mgrid[-across : across + 1, -down : down + 1].reshape(2, -1).T
-    for finer, (across, down) in enumerate((LIMITS.first_steps, (1, 1), (1, 1)))
-]
+# (k, 3) rounds, finer and finer, and steps in each about the best place so far.
+MOVES = np.array(
+    [
+        (finer, LIMITS.step / 2**finer * x, LIMITS.step / 2**finer * y)
+        for finer, (across, down) in enumerate((LIMITS.first_steps, (1, 1), (1, 1)))
+        for x in range(-across, across + 1)
+        for y in range(-down, down + 1)
+    ]
+)
+NO_CELLS, STRAIGHT = np.zeros((1, 1), np.float32), np.eye(2, 3)
 
 
 class Gaze:
@@ -92,7 +108,7 @@ class Gaze:
 
 def _steadied(last: F64, found: Floating, kept: float) -> F64:
     step = last - found
-    place: F64 = found + (kept if np.hypot(*step) < LIMITS.first_steps[0] * LIMITS.step else 0) * step
+    place: F64 = found + (kept if np.hypot(*step) < LEAP else 0) * step
     return place
 
 
@@ -121,6 +137,30 @@ class IrisChange:
         return bool(self.source.colour @ LUMA > LIMITS.light)
 
 
+LEAP = LIMITS.first_steps[0] * LIMITS.step  # of a place, from which it is taken as it is found
+# What the compiled twin of `tint_iris` is told of limits.
+TOLD = np.hstack(
+    [
+        LEAP, LIMITS.known_eye_share, LIMITS.eye_share, 1 - IRISES.white_quantile, IRISES.reach, LIMITS.ring,
+        LIMITS.max_difference, IRIS_BORDER, LIMITS.glare, LIMITS.unlike, LIMITS.edge, LIMITS.catch_light,
+        LIMITS.black_share, LIMITS.shade,
+    ]
+)  # fmt: skip
+
+
+class TintNumbers(NamedTuple):
+    """What `tint_iris` is told of two people, and of a frame."""
+
+    is_light: float  # the source's iris, see `IrisChange`
+    lightens: float
+    radius: float
+    dimmed: float  # gain of a lighter iris
+    blur: float  # pixels, standard deviation of a shade
+    moved: float
+    shown: float = 1.0  # share of the change, and of the last place that is kept
+    kept: float = 0.0
+
+
 class IrisTint:
     """Gives one eye of the source the identity's iris, frame by frame.
 
@@ -132,110 +172,158 @@ class IrisTint:
     """
 
     def __init__(self, change: IrisChange, lids: F32, eye: int) -> None:
-        self._lids, inside = lids.ravel(), lids > 0.5
+        self._lids, self._eye, inside = lids, eye, lids > 0.5
         thinned = np.zeros_like(inside)
         thinned[::2, ::2] = True
-        looked_at = inside & (thinned | (inside.sum() < LIMITS.many_pixels))
-        self._inside, self._looked_at = np.flatnonzero(inside), np.flatnonzero(looked_at)
-        self._change, self._eye = change, eye
-        self._lightens, self._is_light = change.lightens, change.is_light
-        self._blur = max(LIMITS.shade_eye_widths * inside.any(0).sum(), 0.5)
+        self._looked_at = np.flatnonzero(inside & (thinned | (inside.sum() < LIMITS.many_pixels)))
+        self._profiles = np.array([change.source.profile, change.target.profile], np.float32)
         own, other = (irises.colour + LIMITS.black_share for irises in (change.source, change.target))
-        self._gain = (other / own).astype(np.float32)
-        self._dimmed = np.float32(min(1.0, LIMITS.lightening * float(own @ LUMA) / float(other @ LUMA)))
-        self._contrast = 1 - own
-        self._direction = self._contrast / max(float(self._contrast @ self._contrast), 1e-3)
+        contrast = 1 - own
+        direction = contrast / max(float(contrast @ contrast), 1e-3)
+        self._factors = np.array([other / own, direction], np.float32)
+        self._numbers = TintNumbers(
+            is_light=change.is_light,
+            lightens=change.lightens,
+            radius=change.source.radius,
+            dimmed=min(1.0, LIMITS.lightening * float(own @ LUMA) / float(other @ LUMA)),
+            blur=max(LIMITS.shade_eye_widths * inside.any(0).sum(), 0.5),
+            moved=LIMITS.moved[change.is_light],
+        )
 
-    def apply(self, picture: F32, places: F32, seen: F32, gaze: GazeMemory, step: float) -> F32:
-        """An eye (h, w, 3) with places (h w, 2) and the other's iris, by shares (h w,) of eye that is seen there.
+    def apply(
+        self, eye: F32, places: F32, axes: F32, parsing: Parsing | None, colour: ColourMatrix, gaze: GazeMemory,
+        shown: float, step: float,
+    ) -> None:  # fmt: skip
+        """Give an eye (h, w, 3) in a frame's components the other's iris, in place.
 
-        step : seconds since the frame before.
+        places : (h w, 2) in the picture that is parsed.   axes : of the eye there, see `eye_axes`.
+        shown : share of the change.   step : seconds since the frame before.
         """
-        if not self._inside.size or np.maximum.reduce(seen) == 0:
-            return picture
-        shown = self._lids * seen
-        pixels = picture.reshape(-1, 3)
-        inside = pixels[self._inside]
-        matt = inside[inside @ LUMA < LIMITS.glare[0]]
-        bright = white(matt if matt.size else inside)
-        colours = (pixels[self._looked_at] / bright).T
-        if not self._is_light:
-            colours = self._direction @ (1 - colours)
-        found = self._found(colours, places[self._looked_at], gaze)
-        gaze.places[self._eye] = _steadied(gaze.places[self._eye], found, LIMITS.memory.over(step))
-        from_middle = places - gaze.places[self._eye].astype(np.float32)
-        x, y = from_middle[:, 0], from_middle[:, 1]
-        away = np.sqrt(x * x + y * y) / np.float32(self._change.source.radius)
-        near = (away < IRIS_BORDER[0]).nonzero()[0]
-        before, there = np.ascontiguousarray(pixels[near].T), away.take(near)
-        if self._lightens or self._is_light:
-            change = self._painted(picture, bright, away, near, before) - before
+        cells = NO_CELLS if parsing is None else parsing.shares[FaceClass.EYES]
+        to_cells = STRAIGHT if parsing is None else parsing.to_cells
+        told = self._numbers._replace(shown=shown, kept=LIMITS.memory.over(step))
+        numbers = np.concatenate([told, TOLD])
+        found = np.array([gaze.parsed[self._eye], gaze.places[self._eye]], np.float64)
+        tint_iris(
+            places, axes, cells, to_cells, self._lids, self._looked_at, colour.to_rgb, colour.from_rgb, MOVES,
+            self._factors, self._profiles, numbers, found, eye,
+        )  # fmt: skip
+        gaze.places[self._eye] = found[1]
+
+
+@kernel
+def tint_iris(
+    places: F32, axes: F32, cells: F32, to_cells: F64, lids: F32, looked_at: Int, to_rgb: F32, from_rgb: F32,
+    moves: F64, factors: F32, profiles: F32, numbers: F64, gaze: F64, eye: F32,
+) -> None:  # fmt: skip
+    """Give one person's eye another's iris, in place.
+
+    places : (h w, 2) pixels of the picture that is parsed.   axes : (3, 2) of the eye there, see `eye_axes`.
+    cells, to_cells : (m, m) share of eyes, and the map (2, 3) from places to cells.
+    lids : (h, w) share by which pixels are within lids.   looked_at : (n,) pixels that tell where the iris is.
+    to_rgb, from_rgb : (3, 4) of the eye's components.   moves : (k, 3), see `MOVES`.
+    factors : (2, 3) the gain of a darker iris, and how white becomes the source's.
+    profiles : (2, rings, 3) of both people, see `Irises`.   numbers : `TintNumbers`, then `TOLD`.
+    gaze : (2, 2) where the parsing found the iris, and in place where it was found near by.
+    eye : (h, w, 3) in place.
+    """
+    told, pixels, inside = TintNumbers(*numbers[: -len(TOLD)]), eye.reshape(-1, 3), lids.ravel() > 0.5
+    seen = np.float32(told.shown) * eye_seen(cells, to_cells, places)
+    if np.maximum.reduce(seen) == 0 or not inside.any():
+        return
+    picture = np.asarray(cv2.transform(eye, to_rgb), np.float32).reshape(-1, 3)
+    colours = picture[inside]
+    matt = colours[colours @ LUMA < LIMITS.glare[0]]
+    bright = white(matt if matt.size else colours)
+    x, y = (places - axes[0]).T
+    x, y = x * axes[1, 0] + y * axes[2, 0], x * axes[1, 1] + y * axes[2, 1]
+    colours = (picture[looked_at] / bright).T
+    source, target = profiles.transpose(0, 2, 1)
+    found = _found(told, colours, factors[1], source, (x[looked_at], y[looked_at]), moves, gaze[0])
+    gaze[1] = _steadied(gaze[1], found, told.kept)
+    x, y = x - np.float32(gaze[1, 0]), y - np.float32(gaze[1, 1])
+    away = np.sqrt(x * x + y * y) / np.float32(told.radius)
+    near = (away < IRIS_BORDER[0]).nonzero()[0]
+    before, there = np.ascontiguousarray(picture[near].T), away.take(near)
+    if told.lightens or told.is_light:
+        luma = (picture @ LUMA).reshape(lids.shape)
+        change = _painted(told, luma, bright, away, near, before, source, target) - before
+    else:
+        change = (factors[0][:, None] - 1) * before
+    if not told.is_light:
+        unlike = factors[1] @ (1 - before / bright[:, None])
+        change *= ramp(np.asarray(unlike, np.float32), LIMITS.unlike)
+    change *= ramp(there, IRIS_BORDER)
+    change *= 1 - ramp(LUMA @ before, LIMITS.glare)
+    after = before + change * (lids.ravel() * seen).take(near)
+    pixels[near] = (from_rgb[:, :3] @ after + from_rgb[:, 3:]).T
+
+
+def eye_seen(cells: F32, to_cells: F64, places: F32) -> F32:
+    """(n,) share in [0, 1] by which a parsing takes places (n, 2) about an eye for eye, not lid.
+
+    cells, to_cells : (m, m) its share of eyes, and the map (2, 3) from places to cells.
+    """
+    shares = remap_points(cells, cv2.transform(places[None], to_cells)[0], cv2.BORDER_CONSTANT)
+    most = float(np.maximum.reduce(shares, None))
+    known = np.float32(small.ramp(most, *LIMITS.known_eye_share))
+    seen: F32 = 1 - known * (1 - ramp(shares / np.float32(max(most, 1e-6)), LIMITS.eye_share))
+    return seen
+
+
+def _found(
+    told: TintNumbers, colours: F32, direction: F32, profile: F32, places: tuple[F32, F32], moves: F64, start: F64
+) -> F64:  # fmt: skip
+    """(2,) where the iris is most likely, by colours (3, n) at places in the eye, shares of the white.
+
+    direction : (3,) from white to the iris.   profile : (3, rings) of it.   start : (2,) where it is looked for.
+    """
+    (x, y), radius = places, np.float32(told.radius)
+    unlike = np.asarray(direction @ (1 - colours), np.float64)
+    best: F64 = start
+    for finer in range(int(moves[-1, 0]) + 1):
+        steps = moves[moves[:, 0] == finer, 1:]
+        middles = (best + steps).astype(np.float32)
+        dx, dy = x - middles[:, :1], y - middles[:, 1:]
+        away = np.sqrt(dx * dx + dy * dy) / radius
+        if told.is_light:
+            off = np.add.reduce(np.abs(colours[:, None] - at_rings(profile, away)), 0)
+            near = away < LIMITS.ring
+            scores = -_means(near, np.minimum(off, LIMITS.max_difference))
         else:
-            change = (self._gain[:, None] - 1) * before
-        if not self._is_light:
-            change *= self._share(np.asarray(before / bright[:, None], np.float32))
-        change *= ramp(there, IRIS_BORDER)
-        change *= 1 - ramp(LUMA @ before, LIMITS.glare)
-        changed = pixels.copy()
-        changed[near] = (before + change * shown.take(near)).T
-        return changed.reshape(picture.shape)
-
-    def _found(self, seen: F32, places: F32, gaze: GazeMemory) -> F64:
-        """(2,) where the iris is most likely, by pixels at places (n, 2).
-
-        seen : (n,) how unlike white they are; of a light iris (3, n) their colours, shares of the white.
-        """
-        light = seen.ndim == 2
-        start = gaze.parsed[self._eye]
-        best: F64 = start
-        x, y = places.T
-        for moves in MOVES:
-            middles = (best + moves).astype(np.float32)
-            dx, dy = x - middles[:, :1], y - middles[:, 1:]
-            away = np.sqrt(dx * dx + dy * dy) / np.float32(self._change.source.radius)
-            scores = -self._differences(seen, away) if light else _set_off(seen, away)
-            off = middles - start
-            scores -= LIMITS.moved[light] * np.hypot(off[:, 0], off[:, 1])
-            best = best + moves[int(scores.argmax())]
-        return best
-
-    def _differences(self, seen: F32, away: F32) -> F32:
-        """(k,) mean difference of colours (3, n) from the iris at rest, at distances (k, n) from its middle, radii."""
-        near = away < LIMITS.ring
-        off = seen[:, None] - self._change.source.at(away)
-        unlike = np.minimum(np.add.reduce(np.abs(off), 0), LIMITS.max_difference)
-        mean: F32 = np.add.reduce(unlike * near, 1) / np.maximum(np.add.reduce(near, 1, np.intp), 1)
-        return mean
-
-    def _share(self, shares: F32) -> F32:
-        """(n,) share in [0, 1] by which pixels (3, n), shares of the white, are the source's iris by their colours."""
-        return ramp(np.asarray(self._direction @ (1 - shares), np.float32), LIMITS.unlike)
-
-    def _painted(self, picture: F32, bright: F32, away: F32, near: Int, pixels: F32) -> F32:
-        """Pixels (3, n) at indices `near` with the other's iris painted ring by ring; shading and catch-lights stay."""
-        source, there, white = self._change.source, away.take(near), bright[:, None]
-        own, other = source.at(there), self._dimmed * self._change.target.at(there)
-        usual = own * white
-        inner = ramp(there, (1.0, LIMITS.edge))
-        brighter = pixels - usual
-        gleams = (LUMA @ brighter / (LIMITS.catch_light * (bright @ LUMA)) - 1) * 2
-        gleams = np.minimum(np.maximum(gleams, 0), 1)
-        catch_light = np.maximum(brighter, 0) * (gleams * inner)
-        matt = pixels - catch_light
-        above, below = picture @ LUMA, source.at(away, LUMA @ (source.profile * bright).T)
-        above.ravel()[near] = LUMA @ matt
-        seen = cv2.GaussianBlur(above, (0, 0), self._blur).take(near)
-        at_rest = cv2.GaussianBlur(below.reshape(above.shape), (0, 0), self._blur).take(near)
-        shade = np.minimum(np.maximum(seen / np.maximum(at_rest, 4), LIMITS.shade[0]), LIMITS.shade[1])
-        structure = matt - usual * shade
-        structure *= np.minimum(1, other / np.maximum(own, LIMITS.black_share))
-        return np.asarray(other * white * shade + catch_light + structure, np.float32)
+            disc = away < 1
+            ring = ~disc & (away < LIMITS.ring)
+            scores = np.asarray(_means(disc, unlike) - _means(ring, unlike))
+        off = middles - start
+        scores -= told.moved * np.hypot(off[:, 0], off[:, 1])
+        best = best + steps[int(scores.argmax())]
+    return best
 
 
-def _set_off(unlike_white: F32, away: F32) -> F32:
-    """(k,) how much less white pixels (n,) are on discs than beside them, by distances (k, n) from their middles."""
-    disc, ring = away < 1, (away >= 1) & (away < LIMITS.ring)
-    within, beside = (
-        some @ unlike_white / np.maximum(np.add.reduce(some, 1, np.intp), 1) for some in (disc, ring)
-    )
-    return np.asarray(within - beside)
+def _means(chosen: Bool, values: Floating) -> F64:
+    """(k,) means of values (n,) or (k, n) where they are chosen (k, n); 0 of none."""
+    sums = np.add.reduce(np.where(chosen, values, 0), 1, np.float64)
+    return np.asarray(sums / np.maximum(np.add.reduce(chosen, 1, np.intp), 1))
+
+
+def _painted(
+    told: TintNumbers, luma: F32, bright: F32, away: F32, near: Int, pixels: F32, source: F32, target: F32
+) -> F32:  # fmt: skip
+    """Pixels (3, n) at indices `near` with the other's iris painted ring by ring; shading and catch-lights stay."""
+    there, white = away.take(near), bright[:, None]
+    own, other = at_rings(source, there), np.float32(told.dimmed) * at_rings(target, there)
+    usual = own * white
+    inner = ramp(there, (1.0, LIMITS.edge))
+    brighter = pixels - usual
+    gleams = (LUMA @ brighter / (LIMITS.catch_light * (bright @ LUMA)) - 1) * 2
+    gleams = np.minimum(np.maximum(gleams, 0), 1)
+    catch_light = np.maximum(brighter, 0) * (gleams * inner)
+    matt = pixels - catch_light
+    below = at_rings(LUMA @ (source * white), away)
+    luma.ravel()[near] = LUMA @ matt
+    seen = cv2.GaussianBlur(luma, (0, 0), told.blur).take(near)
+    at_rest = cv2.GaussianBlur(below.reshape(luma.shape), (0, 0), told.blur).take(near)
+    shade = np.minimum(np.maximum(seen / np.maximum(at_rest, 4), LIMITS.shade[0]), LIMITS.shade[1])
+    structure = matt - usual * shade
+    structure *= np.minimum(1, other / np.maximum(own, LIMITS.black_share))
+    return np.asarray(other * white * shade + catch_light + structure, np.float32)
