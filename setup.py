@@ -29,6 +29,7 @@ setup(
             depends=sorted(str(path) for path in Path("render/native").glob("*.hpp")),
             define_macros=[("Py_LIMITED_API", "0x030b0000")],
             extra_compile_args=FLAGS,
+            extra_link_args=["-s"] if sys.platform == "linux" else [],
             language="c++",
             py_limited_api=True,
             optional=True,

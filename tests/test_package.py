@@ -32,7 +32,7 @@ FOLDERS = {
     "common": "common",
     "render": "render",
 }
-MOST_BYTES = 20e6
+MOST_BYTES = 21e6
 IMAGE = "/opt/guise"  # where the image has the environment
 DISTRIBUTIONS = {
     "PIL": "pillow",
