@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from guise.aam.landmarks.schemes import MIRROR, NOSE_ROOT, RIGID_WEIGHTS
-from guise.aam.similarity import PlanarSimilarity, WeightedPoints
+from guise.aam.similarity import PlanarSimilarity, align_planar
 from guise.common.arrays import F32, F64, I32, U8, Bool, Floating, Int
 from guise.common.errors import GuiseError
 from guise.common.kernels import kernel
@@ -125,15 +125,11 @@ class ReferenceFrame:
 
     def to_grid(self, shape: F64) -> PlanarSimilarity:
         """The similarity that aligns a shape (81, 2) in pixels with the grid by its rigid landmarks."""
-        return self._rigid.under(shape)
+        return align_planar(shape, self.points, RIGID_WEIGHTS)
 
     def to_shape(self, shape: F64) -> PlanarSimilarity:
         """The similarity that aligns the grid with a shape (81, 2) in pixels by its rigid landmarks."""
-        return self._rigid.onto(shape)
-
-    @cached_property
-    def _rigid(self) -> WeightedPoints:
-        return WeightedPoints(self.points, RIGID_WEIGHTS)
+        return align_planar(self.points, shape, RIGID_WEIGHTS)
 
     def scatter(self, texture: F32, fill: float = 0.0) -> F32:
         """A texture (n,) or (n, c) laid out as a picture (h, w) or (h, w, c)."""

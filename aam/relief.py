@@ -18,7 +18,8 @@ from guise.aam.hull import beyond_hull
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.aam.solid_shape import STRAIGHT as STRAIGHT
 from guise.aam.solid_shape import SolidPrior, normals
-from guise.common.arrays import F32, F64, I32
+from guise.common.arrays import F32, F64, I32, Int
+from guise.common.kernels import kernel
 
 BEYOND_HULL = 0.01  # of the face's height, by which a place may lie beyond the hull of the points
 DATA = Path(__file__).parent / "data" / "relief.npz"
@@ -57,17 +58,13 @@ class Relief:
         return ReferenceFrame(self.points, self.triangles, self.reference.size)
 
     @cached_property
-    def _on_flat(self) -> F64:
-        """(k, 81) weights of the points at the places."""
-        count = len(self.reference.points)
-        sampler = MeshSampler.build(self.reference, self.points[count:])
-        weights = np.zeros((len(self.points) - count, count))
-        np.put_along_axis(weights, sampler.vertices.T, sampler.weights.T, axis=1)
-        return weights
+    def _on_flat(self) -> MeshSampler:
+        """Of the places (k)."""
+        return MeshSampler.build(self.reference, self.points[len(self.reference.points) :])
 
     def solid(self, points: F64) -> F64:
         """(81 + k, 3) face widths: solid points (81, 3), and the places between them."""
-        flat = self._on_flat @ points
+        flat = _laid(points, self._on_flat.vertices, self._on_flat.weights)
         flat[:, 2] += self.depth[len(points) :]
         return np.concatenate([points, flat])
 
@@ -82,8 +79,11 @@ class Relief:
 
         across : (2,) pixels by which a point one face width farther away is seen elsewhere.
         """
-        places = self._on_flat @ points + self.depth[len(points) :, None] * across
-        return np.concatenate([points, _within(places, points) if any(across) else places])
+        flat, seen = self._on_flat, np.empty(self.points.shape)
+        points, across = (np.ascontiguousarray(given, np.float64) for given in (points, across))
+        depth = self.depth[len(points) :]
+        relief_seen(points, flat.vertices, flat.weights, depth, across, BEYOND_HULL, seen)
+        return seen
 
     @cached_property
     def front_last(self) -> I32:
@@ -105,12 +105,31 @@ class Relief:
         return np.asarray((self.depth[sampler.vertices] * sampler.weights).sum(0), np.float32)
 
 
-def _within(places: F64, points: F64) -> F64:
-    """Places (k, 2) that lie far beyond the convex hull of points (n, 2), moved to near it."""
-    beyond, out = beyond_hull(places, points)
-    height = np.maximum.reduce(points[:, 1]) - np.minimum.reduce(points[:, 1])
-    excess = np.maximum(beyond - BEYOND_HULL * height, 0)
-    return np.asarray(places - excess[:, None] * out)
+@kernel
+def relief_seen(
+    points: F64, vertices: Int, weights: F32, depth: F64, across: F64, beyond: float, seen: F64
+) -> None:
+    """Where the points of a mesh and the places between them are seen.
+
+    Parameters
+    ----------
+    points : (v, 2), pixels.
+    vertices, weights : (3, k), of the sampler of the places.
+    depth, across : (k,) and (2,), see `Relief`.
+    beyond : by which a place may lie beyond the points' convex hull, of its height; anywhere where nothing is across.
+    seen : (v + k, 2), pixels, which is written.
+    """
+    places = _laid(points, vertices, weights) + depth[:, None] * across
+    if any(across):
+        away, out = beyond_hull(places, points)
+        height = np.maximum.reduce(points[:, 1]) - np.minimum.reduce(points[:, 1])
+        places -= np.maximum(away - beyond * height, 0)[:, None] * out
+    seen[: len(points)], seen[len(points) :] = points, places
+
+
+def _laid(points: F64, vertices: Int, weights: F32) -> F64:
+    """Where places (k, d) of a mesh lie, whose points are (v, d)."""
+    return np.asarray(np.add.reduce(points[vertices] * weights[..., None]))
 
 
 @lru_cache(maxsize=4)

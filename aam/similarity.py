@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from guise.common.arrays import F64
+from guise.common.kernels import kernel
 from guise.common.small import mean
 
 Complex = NDArray[np.complex128]
@@ -219,35 +220,29 @@ def align_planar(source: F64, target: F64, weights: F64) -> PlanarSimilarity:
 
     Weights (n,) must sum to 1 and the source must have extent; neither is checked here.
     """
-    return WeightedPoints(source, weights).onto(target)
+    made = np.empty(4)
+    x, y, w = (np.ascontiguousarray(array, np.float64) for array in (source, target, weights))
+    planar_similarity(x, y, w, made)
+    return PlanarSimilarity(*made.tolist())
 
 
-class WeightedPoints:
-    """Points (n, 2) that are aligned with others again and again, as by :func:`align_planar`."""
+@kernel
+def planar_similarity(source: F64, target: F64, weights: F64, made: F64) -> None:
+    """The numbers of the similarity that takes points to others.
 
-    def __init__(self, points: F64, weights: F64) -> None:
-        self._weights = weights
-        self._mean, self._away = self._centred(points)
-        self._weighted = weights * self._away
-        self._variance = float(np.vdot(self._weighted, self._away).real)
+    source, target : (n, 2).   weights : (n,), summing to 1.   made : (4,), those of `PlanarSimilarity`, written.
+    """
+    (mu_x, away), (mu_y, goal) = (_centred(points, weights) for points in (source, target))
+    weighted = weights * away
+    turn = complex(np.vdot(weighted, goal)) / float(np.vdot(weighted, away).real)
+    made[:] = _similarity(turn, mu_x, mu_y)
 
-    def onto(self, target: F64) -> PlanarSimilarity:
-        """The similarity that takes these points to others (n, 2)."""
-        mean, away = self._centred(target)
-        return _similarity(complex(np.vdot(self._weighted, away)) / self._variance, self._mean, mean)
 
-    def under(self, source: F64) -> PlanarSimilarity:
-        """The similarity that takes others (n, 2) to these points."""
-        mean, away = self._centred(source)
-        weighted = self._weights * away
-        turn = complex(np.vdot(weighted, self._away)) / float(np.vdot(weighted, away).real)
-        return _similarity(turn, mean, self._mean)
-
-    def _centred(self, points: F64) -> tuple[complex, Complex]:
-        """Their weighted mean and what they are away from it (n,), as x + iy."""
-        plane: Complex = np.ascontiguousarray(points, np.float64).view(np.complex128)[:, 0]
-        mean = complex(self._weights @ plane)
-        return mean, plane - mean
+def _centred(points: F64, weights: F64) -> tuple[complex, Complex]:
+    """Their weighted mean and what they are away from it (n,), as x + iy."""
+    plane: Complex = points.view(np.complex128)[:, 0]
+    mean = complex(weights @ plane)
+    return mean, plane - mean
 
 
 def _similarity(turn: complex, source: complex, target: complex) -> PlanarSimilarity:

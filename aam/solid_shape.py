@@ -18,6 +18,7 @@ import numpy as np
 from guise.aam.landmarks.schemes import EYES_AND_LIPS, RIGID_WEIGHTS
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.common.arrays import F32, F64, I32
+from guise.common.kernels import kernel
 from guise.common.small import lengths, mean, ramp
 
 DATA = Path(__file__).parent / "data" / "solid_shape.npz"
@@ -182,47 +183,70 @@ class SolidPrior:
             middle[:own] = known
         precision[:own], precision[own:] = deviation**-2, LIMITS.still_deviation**-2 if still else 1
         if start is None:
-            amounts, steps = middle, LIMITS.first_steps
+            amounts, steps = middle.copy(), LIMITS.first_steps
             pose = _first_pose(self._solid(amounts), points)
         else:
             pose, steps = start.pose, LIMITS.next_steps
             amounts = np.concatenate([start.identity, start.movement])
-        for _ in range(steps):
-            pose, amounts = self._step(points, pose, amounts, middle, precision)
-        return SolidFit(pose, amounts[:own], amounts[own:], self.at_rest(amounts[:own]), self._solid(amounts))
+        rotation, place = np.array(pose.rotation, order="C"), np.array([pose.scale, *pose.translation])
+        solid = np.empty(self.mean.shape)
+        solid_fit(
+            np.ascontiguousarray(points, np.float64), self.mean, self._modes, self.noise, middle, precision, steps,
+            LIMITS.outlier_deviations, rotation, place, amounts, solid,
+        )  # fmt: skip
+        pose = HeadPose(rotation, float(place[0]), place[1:])
+        return SolidFit(pose, amounts[:own], amounts[own:], self.at_rest(amounts[:own]), solid)
 
     def _solid(self, amounts: F64) -> F64:
         return _moved(self.mean, amounts, self._modes)
 
-    def _step(
-        self, points: F64, pose: HeadPose, amounts: F64, middle: F64, precision: F64
-    ) -> tuple[HeadPose, F64]:
-        """One Gauss-Newton step on rotation, scale, translation and amounts."""
-        turned = self._solid(amounts) @ pose.rotation.T
-        away = points - pose.scale * turned[:, :2] - pose.translation
-        sigma = pose.scale * self.noise
-        far = np.add.reduce(away**2, 1) / (LIMITS.outlier_deviations * sigma) ** 2
+
+@kernel
+def solid_fit(
+    points: F64, mean: F64, modes: F64, noise: F64, middle: F64, precision: F64, steps: int, outlier: float,
+    rotation: F64, place: F64, amounts: F64, solid: F64,
+) -> None:  # fmt: skip
+    """Gauss-Newton steps on rotation, scale, translation and amounts, which are changed; the last shape is written.
+
+    Parameters
+    ----------
+    points : (v, 2), pixels.
+    mean, modes : (v, 3) and (k, v, 3), face widths.
+    noise : (v,) standard deviation of points, face widths.
+    middle, precision : (k,) likeliest amounts, and how sure each is, over its variance.
+    steps : number of them.   outlier : deviations of the noise from which a point counts half.
+    rotation, place, amounts : (3, 3); (3,) scale, pixels a face width, and translation, pixels; (k,).
+    solid : (v, 3), face widths.
+    """
+    for _ in range(steps):
+        turned = _moved(mean, amounts, modes) @ rotation.T
+        scale, count = float(place[0]), len(points)
+        away = points - scale * turned[:, :2] - place[1:]
+        sigma = scale * noise
+        far = np.add.reduce(away**2, 1) / (outlier * sigma) ** 2
         weight = 1 / (sigma * np.sqrt(1 + far))
         x, y, z = turned.T
         size = 6  # turns about x, y, z, scale and translation
-        design = np.zeros((size + amounts.size, 2, POINTS))
+        design = np.zeros((size + amounts.size, 2, count))
         design[0, 1], design[1, 0], design[2, 0], design[2, 1] = -z, z, -y, x
-        design[:3] *= pose.scale
+        design[:3] *= scale
         design[3] = x, y
         design[4, 0] = design[5, 1] = 1
-        np.matmul(pose.scale * pose.rotation[:2], self._modes.transpose(0, 2, 1), out=design[size:])
+        np.matmul(scale * rotation[:2], modes.transpose(0, 2, 1), out=design[size:])
         design *= weight
-        flat = design.reshape(-1, 2 * POINTS)
+        flat = design.reshape(-1, 2 * count)
         normal, right = flat @ flat.T, flat @ (away.T * weight).ravel()
         diagonal = normal.reshape(-1)[:: right.size + 1]
-        diagonal[:size] += 1e-9
-        diagonal[size:] += precision + 1e-9
+        diagonal[:] += 1e-9
+        diagonal[size:] += precision
         right[size:] -= precision * (amounts - middle)
         solved = cv2.solve(normal, right[:, None], flags=cv2.DECOMP_CHOLESKY)[1]
         step = np.asarray(solved, np.float64)[:, 0]
-        rotation = _turned(step[:3]) @ pose.rotation
-        scale = min(max(float(pose.scale + step[3]), 0.5 * pose.scale), 2 * pose.scale)
-        return HeadPose(rotation, scale, pose.translation + step[4:6]), amounts + step[6:]
+        rotation[:] = _turned(step[:3]) @ rotation
+        place[0] = min(max(float(scale + step[3]), 0.5 * scale), 2 * scale)
+        place[1:] += step[4:6]
+        amounts += step[6:]
+    solid[:] = _moved(mean, amounts, modes)
 
 
 class SolidTracker:

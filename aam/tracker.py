@@ -20,7 +20,7 @@ from guise.aam.landmarks.schemes import RIGID_WEIGHTS
 from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame
 from guise.aam.similarity import Failed, PlanarSimilarity
 from guise.aam.texture_match import TextureMatcher, normalised, residual
-from guise.common.arrays import F32, F64, I32, U8, Bool, Floating, Int
+from guise.common.arrays import F32, F64, I32, U8, Bool, Floating, Int, side_by_side
 from guise.common.kernels import kernel
 from guise.common.small import mean
 
@@ -243,7 +243,9 @@ class Tracker:
         """Where some stages take a start shape; it counts as carried where the person isn't recognised."""
         shape, parameters = np.empty((POINTS, 2)), np.empty(self.shapes.modes)
         known = self._cascade._replace(stages=stages)
-        left = fit_cascade(luma, np.ascontiguousarray(start, np.float64), *known, shape, parameters)
+        left = fit_cascade(
+            side_by_side(luma), np.ascontiguousarray(start, np.float64), *known, shape, parameters
+        )
         if left < 0:
             return NO_CROP[int(-1 - left)]
         carried = not left < self.quality.threshold

@@ -7,14 +7,18 @@ import cv2
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_kernels import assert_alike, both, compiled, seeds
+from test_kernels import MOST_PIXELS, assert_alike, both, compiled, seeds
 
-from guise.aam.landmarks.schemes import RIGID_WEIGHTS
+from guise.aam.landmarks.builtin import calibration
+from guise.aam.landmarks.correction import FULL_TURN, MAX_FEATURE, PARTS, shipped
+from guise.aam.landmarks.plausible import _MOTION as MOTION
+from guise.aam.landmarks.schemes import OUTER_EYE_CORNERS, RIGID_WEIGHTS
 from guise.aam.reference import POINTS, ReferenceFrame
+from guise.aam.relief import BEYOND_HULL, Relief
+from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.aam.tracker import FEATURE_RESOLUTION, Cascade
 from guise.aam.tracker import LIMITS as TRACKER
-
-MOST_PIXELS = 1e-3  # between a kernel and its twin in places
+from guise.common.arrays import F64, side_by_side
 
 
 @compiled
@@ -59,3 +63,155 @@ def test_fit_cascade(seed: int, zoom: float, steps: int, aside: float) -> None:
         return luma, start, *known, np.zeros((POINTS, 2)), np.zeros(modes)
 
     assert_alike(both("fit_cascade", arguments, (13, 14)), MOST_PIXELS)
+
+
+@compiled
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.integers(3, 81))
+def test_planar_similarity(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    source, target = rng.uniform(-50, 2000, (2, count, 2))
+    weights = rng.dirichlet(np.ones(count))
+
+    def arguments() -> tuple[Any, ...]:
+        return source, target, weights, np.zeros(4)
+
+    assert_alike(both("planar_similarity", arguments, (3,)), MOST_PIXELS)
+
+
+@compiled
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.sampled_from([0, 0.3, 30, 300]))
+def test_relief_seen(seed: int, across: float) -> None:
+    rng = np.random.default_rng(seed)
+    relief = Relief.shipped(ReferenceFrame.canonical(96))
+    flat, depth = relief._on_flat, relief.depth[POINTS:]
+    points = 3 * relief.reference.points + rng.normal(0, 5, (POINTS, 2))
+    aside = across * rng.normal(size=2)
+
+    def arguments() -> tuple[Any, ...]:
+        return points, flat.vertices, flat.weights, depth, aside, BEYOND_HULL, np.zeros(relief.points.shape)
+
+    assert_alike(both("relief_seen", arguments, (6,)), MOST_PIXELS)
+
+
+@compiled
+def test_points_on_a_line_and_as_one_have_no_hull() -> None:
+    relief = Relief.shipped(ReferenceFrame.canonical(96))
+    flat, depth = relief._on_flat, relief.depth[POINTS:]
+    for points in (np.ones((POINTS, 2)), np.linspace((3, 4), (9, 4), POINTS)):
+        given = (
+            points,
+            flat.vertices,
+            flat.weights,
+            depth,
+            np.ones(2),
+            BEYOND_HULL,
+            np.zeros(relief.points.shape),
+        )
+        assert np.isfinite(both("relief_seen", lambda given=given: given, (6,))).all()  # type: ignore[misc]
+
+
+def a_face(rng: np.random.Generator, scale: float = 1.0) -> F64:
+    """(81, 2) points of a turned face in a picture of about 300 pixels."""
+    turn, points = rng.uniform(-3, 3), ReferenceFrame.canonical(96).points
+    linear = scale * np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    return np.asarray((points - points.mean(0)) @ linear + 150 + rng.normal(0, scale, points.shape))
+
+
+@compiled
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.floats(0.1, 20))
+def test_upright_box(seed: int, scale: float) -> None:
+    points = a_face(np.random.default_rng(seed), scale)
+
+    def arguments() -> tuple[Any, ...]:
+        return points, OUTER_EYE_CORNERS, np.zeros(4)
+
+    assert_alike(both("upright_box", arguments, (2,)), 1e-6)
+
+
+@compiled
+@settings(max_examples=50, deadline=None)
+@given(seeds, st.sampled_from([0.0, 0.01, 1.5, 4.0]), st.floats(-4, 9), st.booleans())
+def test_judge_points(seed: int, scale: float, bias: float, is_finite: bool) -> None:
+    rng = np.random.default_rng(seed)
+    points, sigma = a_face(rng, scale), rng.uniform(0, 4, POINTS)
+    if not is_finite:
+        points[rng.integers(POINTS)] = np.nan
+    rules = calibration().rules
+
+    def arguments() -> tuple[Any, ...]:
+        return points, sigma, bias, 200.0, 180.0, OUTER_EYE_CORNERS, rules, np.zeros(POINTS, np.float32)
+
+    assert_alike(both("judge_points", arguments, (7,)), 1e-6)
+
+
+@compiled
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.floats(0.5, 9))
+def test_correct_points(seed: int, scale: float) -> None:
+    points, found = a_face(np.random.default_rng(seed), scale), shipped()
+    known = found._centre, found._axes, found._scale, found._weights
+
+    def arguments() -> tuple[Any, ...]:
+        return points, PARTS, *known, MAX_FEATURE, FULL_TURN, np.zeros((POINTS, 2))
+
+    assert_alike(both("correct_points", arguments, (8,)), MOST_PIXELS)
+
+
+@compiled
+@settings(max_examples=50, deadline=None)
+@given(seeds, st.floats(0.7, 1.4), st.floats(0, 60), st.sampled_from([1.0, 20.0]))
+def test_plausible_motion(seed: int, growth: float, shift: float, noise: float) -> None:
+    rng = np.random.default_rng(seed)
+    before = a_face(rng, 2.0)
+    after = growth * before + shift + rng.normal(0, noise, before.shape)
+
+    def arguments() -> tuple[Any, ...]:
+        return before, after, OUTER_EYE_CORNERS, MOTION
+
+    assert_alike(both("plausible_motion", arguments, ()), 0)
+
+
+@compiled
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.sampled_from([(1, 1), (2, 1), (2, 2)]), st.integers(1, 60))
+def test_samples(seed: int, step: tuple[int, int], count: int) -> None:
+    rng = np.random.default_rng(seed)
+    picture = rng.integers(0, 256, (30, 44, 3), np.uint8)[2:, 3:]
+    luma, *chroma = (rng.integers(0, 256, shape, np.uint8) for shape in ((28, 40), (14, 20), (14, 20)))
+    points = rng.uniform(-9, 50, (count, 2)).astype(np.float32)
+    to_chroma = np.array([1 / step[0], 1 / step[1], 0, (step[1] - 1) / 2], np.float32)
+    to_rgb = rng.normal(0, 0.6, (3, 4)).astype(np.float32)
+
+    def of_picture() -> tuple[Any, ...]:
+        return side_by_side(picture), points, np.zeros((count, 3), np.float32)
+
+    def of_planes() -> tuple[Any, ...]:
+        return luma, *chroma, points, to_chroma, to_rgb, np.zeros((count, 3), np.float32)
+
+    assert_alike(both("sample_picture", of_picture, (2,)), 0.01)
+    assert_alike(both("sample_planes", of_planes, (6,)), 0.01)
+
+
+@compiled
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.booleans(), st.integers(0, 4), st.floats(-40, 40))
+def test_solid_fit(seed: int, is_known: bool, steps: int, yaw: float) -> None:
+    rng = np.random.default_rng(seed)
+    prior, turn = SolidPrior.shipped(), np.radians(yaw)
+    rotation = np.array([[np.cos(turn), 0, -np.sin(turn)], [0, 1, 0], [np.sin(turn), 0, np.cos(turn)]])
+    points = HeadPose(rotation, 150.0, np.array([200.0, 180.0])).apply(prior.mean) + rng.normal(
+        0, 3, (POINTS, 2)
+    )
+    modes = prior.movement if is_known else prior._modes
+    middle, precision = rng.normal(0, 0.3, len(modes)), rng.uniform(0.5, 9, len(modes))
+
+    def arguments() -> tuple[Any, ...]:
+        return (
+            points, prior.mean, modes, prior.noise, middle, precision, steps, 3.0,
+            np.eye(3), np.array([140.0, 190.0, 190.0]), middle.copy(), np.zeros((POINTS, 3)),
+        )  # fmt: skip
+
+    assert_alike(both("solid_fit", arguments, (8, 9, 10, 11)), 1e-6)

@@ -27,9 +27,10 @@ from guise.aam.landmarks.crops import MIN_SIDE_PIXELS, crop_to_picture, upright_
 from guise.aam.landmarks.face import BoxDetector, Face, iou
 from guise.aam.landmarks.plausible import visible_share
 from guise.aam.landmarks.rolls import HALF_TURN, TURNED, UPRIGHT, detect_at_rolls, turn_of, upward
-from guise.aam.landmarks.schemes import interocular
+from guise.aam.landmarks.schemes import OUTER_EYE_CORNERS, interocular
 from guise.aam.onnx_model import ShippedNetwork
-from guise.common.arrays import F32, F64, U8
+from guise.common.arrays import F32, F64, U8, Int
+from guise.common.kernels import kernel
 from guise.common.small import mean
 
 DATA = Path(__file__).parents[1] / "data"
@@ -59,6 +60,9 @@ class LandmarkerLimits:
     )
     min_confidence: float = 0.05  # of a face that is reported
     sure_confidence: float = 0.9  # of a face in a box, from which it is not looked at upside down as well
+    near_interocular: float = 0.05  # from its place, within which a point is right
+    min_size_pixels: float = 2.0  # of the box of the points, either way
+    min_interocular_pixels: float = 1.0
     min_upright_confidence: float = 0.5  # of an upright face, from which no others are searched for,
     max_upright_turn: float = 0.5  # radians, unless it leans by more: then others may lean farther
 
@@ -81,13 +85,29 @@ class Calibration:
 
     def confidence(self, sigma: NDArray[Any], eyes: float, logit: float) -> float:
         """Probability for standard deviations (81,) pixels, inter-ocular distance in pixels and face logit."""
-        bias, spread, looks = self.face
-        z = bias + spread * np.log(max(float(mean(sigma)) / eyes, 1e-6)) + looks * min(max(logit, -8.0), 8.0)
+        spread = self.face[1]
+        z = self.bias(logit) + spread * np.log(max(float(mean(sigma)) / eyes, 1e-6))
         return float(1 / (1 + np.exp(-min(max(float(z), -60.0), 60.0))))
+
+    @cached_property
+    def rules(self) -> F64:
+        """(7,) of the spread and of sigma; then of `LandmarkerLimits`, in order, what `judge_points` needs."""
+        kept = (
+            LIMITS.min_visible_share,
+            LIMITS.min_confidence,
+            LIMITS.near_interocular,
+            LIMITS.min_size_pixels,
+        )
+        return np.array([self.face[1], self.sigma, *kept, LIMITS.min_interocular_pixels])
+
+    def bias(self, logit: float) -> float:
+        """What a face logit adds to the sum."""
+        bias, _, looks = self.face
+        return bias + looks * min(max(logit, -8.0), 8.0)
 
     def of_points(self, sigma: NDArray[Any], eyes: float) -> F32:
         """Probability (81,) that each point is nearer to its place than 5 % of the inter-ocular distance."""
-        reach = 0.05 * eyes / np.maximum(self.sigma * sigma, 1e-6)
+        reach = LIMITS.near_interocular * eyes / np.maximum(self.sigma * sigma, 1e-6)
         return np.asarray(1 - np.exp(-0.5 * reach**2), np.float32)
 
 
@@ -121,7 +141,8 @@ class Prediction:
         if not np.isfinite(self.points).all():
             return False
         size = np.maximum.reduce(self.points) - np.minimum.reduce(self.points)
-        return bool(np.minimum.reduce(size) > 2) and self.eyes > 1
+        is_large = bool(np.minimum.reduce(size) > LIMITS.min_size_pixels)
+        return is_large and self.eyes > LIMITS.min_interocular_pixels
 
 
 class BuiltinLandmarker:
@@ -237,13 +258,15 @@ class BuiltinLandmarker:
         )
 
     def _judged(self, rgb: U8, found: Prediction) -> Face | None:
-        if not found.is_usable or visible_share(found.points, *rgb.shape[1::-1]) < LIMITS.min_visible_share:
-            return None
-        confidence = self._confidence(found)
-        if confidence < LIMITS.min_confidence:
+        certain, (height, width) = np.empty(len(found.points), np.float32), rgb.shape[:2]
+        bias, rules = self._calibration.bias(found.logit), self._calibration.rules
+        confidence = judge_points(
+            found.points, found.sigma, bias, width, height, OUTER_EYE_CORNERS, rules, certain
+        )
+        if not confidence:
             return None
         points = found.points if self._correction is None else self._correction(found.points)
-        return Face.around(points, confidence, self._calibration.of_points(found.sigma, found.eyes))
+        return Face.around(points, confidence, certain)
 
     def _is_hopeful(self, first: Prediction) -> bool:
         return (
@@ -252,6 +275,33 @@ class BuiltinLandmarker:
 
     def _confidence(self, found: Prediction) -> float:
         return self._calibration.confidence(found.sigma, found.eyes, found.logit)
+
+
+@kernel
+def judge_points(
+    points: F64, sigma: F64, bias: float, width: float, height: float, eyes: Int, rules: F64, certain: F32
+) -> float:  # fmt: skip
+    """How likely points are those of a face, and each of them is right.
+
+    Parameters
+    ----------
+    points, sigma : (n, 2) and (n,) standard deviations, pixels.
+    bias, rules : see `Calibration`.   width, height : of the picture.   eyes : (2,) the outer eye corners.
+    certain : (n,) probability of each point, which is written.
+
+    Returns
+    -------
+    The face's confidence; 0 for points that are none.
+    """
+    spread, factor, visible, least, *_ = rules.tolist()
+    found, known = Prediction(points, sigma, 0.0), Calibration((bias, spread, 0.0), factor)
+    if not found.is_usable or visible_share(points, width, height) < visible:
+        return 0.0
+    confidence = known.confidence(sigma, found.eyes, 0.0)
+    if confidence < least:
+        return 0.0
+    certain[:] = known.of_points(sigma, found.eyes)
+    return confidence
 
 
 def crop_of_box(rgb: U8, box: NDArray[Any], turn: float) -> tuple[U8, F64]:

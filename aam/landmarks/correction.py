@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from guise.aam.landmarks.schemes import LEFT_EYE, LEFT_TEMPLE, NOSE_TIP, RIGHT_EYE, RIGHT_TEMPLE
-from guise.common.arrays import F32, F64
+from guise.common.arrays import F32, F64, Int
+from guise.common.kernels import kernel
 from guise.common.small import lengths, mean
 
 DATA = Path(__file__).parents[1] / "data" / "point_correction.npz"
@@ -23,6 +24,7 @@ MAX_FEATURE = 3.0  # standard deviations
 # all: there the places of features and the light are learnt with the points as they are found.
 FULL_TURN = 0.45
 _POWERS = np.arange(1, 4)
+PARTS: Int = np.array([*RIGHT_EYE, *LEFT_EYE, NOSE_TIP, RIGHT_TEMPLE, LEFT_TEMPLE], np.intp)
 
 
 class PointCorrection:
@@ -37,21 +39,42 @@ class PointCorrection:
     def __init__(self, path: Path) -> None:
         with np.load(path) as stored:
             self._centre, self._axes, self._scale, self._weights = (
-                stored[name].astype(np.float32) for name in ("centre", "axes", "scale", "weights")
+                np.ascontiguousarray(stored[name], np.float32)
+                for name in ("centre", "axes", "scale", "weights")
             )
 
     def __call__(self, points: F64) -> F64:
         """The corrected points (81, 2) for found ones."""
-        upright, back = made_upright(points[None])
-        known = features(upright, self._centre, self._axes, self._scale)
-        change = (known @ self._weights).reshape(points.shape)
-        share = min(abs(float(turn_of(upright)[0])) / FULL_TURN, 1.0)
-        return np.asarray(points + share * change @ back[0])
+        corrected = np.empty(points.shape)
+        correct_points(
+            np.ascontiguousarray(points), PARTS, self._centre, self._axes, self._scale, self._weights,
+            MAX_FEATURE, FULL_TURN, corrected,
+        )  # fmt: skip
+        return corrected
 
 
-def made_upright(shapes: F64) -> tuple[F32, F64]:
+@kernel
+def correct_points(
+    points: F64, parts: Int, centre: F32, axes: F32, scale: F32, weights: F32, most: float, full: float, corrected: F64
+) -> None:  # fmt: skip
+    """Take back what found points lack.
+
+    Parameters
+    ----------
+    points, corrected : (n, 2), pixels; the second is written.
+    parts : (15,) of them: either eye's six, the nose's tip, and the temples.
+    centre, axes, scale, weights : of `PointCorrection`.
+    most, full : standard deviations that a feature may reach, and the turn from which the correction is whole.
+    """
+    upright, back = made_upright(points[None], parts)
+    known = features(upright, centre, axes, scale, parts, most)
+    share = min(abs(float(turn_of(upright, parts)[0])) / full, 1.0)
+    corrected[:] = points + share * (known @ weights).reshape(points.shape) @ back[0]
+
+
+def made_upright(shapes: F64, parts: Int = PARTS) -> tuple[F32, F64]:
     """Shapes (m, 162) without place, size and roll, and matrices (m, 2, 2) that take differences of them back."""
-    eyes = mean(shapes[:, LEFT_EYE], 1) - mean(shapes[:, RIGHT_EYE], 1)
+    eyes = mean(shapes[:, parts[6:12]], 1) - mean(shapes[:, parts[:6]], 1)
     x, y = (eyes / lengths(eyes)[:, None]).T
     level = np.array([[x, y], [-y, x]]).transpose(2, 0, 1)
     away = shapes - mean(shapes, 1)[:, None]
@@ -60,20 +83,23 @@ def made_upright(shapes: F64) -> tuple[F32, F64]:
     return np.asarray(upright.reshape(len(shapes), -1), np.float32), level * size
 
 
-def turn_of(upright: F32) -> F32:
+def turn_of(upright: F32, parts: Int = PARTS) -> F32:
     """(m,) how far the nose's tip lies from the middle of the temples, an angle."""
     xs = upright.reshape(len(upright), -1, 2)[:, :, 0]
-    return np.asarray(np.arctan(xs[:, NOSE_TIP] - (xs[:, RIGHT_TEMPLE] + xs[:, LEFT_TEMPLE]) / 2))
+    nose, right, left = xs[:, parts[12:]].T
+    return np.asarray(np.arctan(nose - (right + left) / 2))
 
 
-def features(upright: F32, centre: F32, axes: F32, scale: F32) -> F32:
+def features(
+    upright: F32, centre: F32, axes: F32, scale: F32, parts: Int = PARTS, most: float = MAX_FEATURE
+) -> F32:
     """(m, 1 + 3 k + 3) what the regression sees of upright shapes (m, 162)."""
-    parts = np.minimum(np.maximum((upright - centre) @ axes, -MAX_FEATURE), MAX_FEATURE)
+    found = np.minimum(np.maximum((upright - centre) @ axes, -most), most)
     powers = np.empty((len(upright), 4))  # from the zeroth on
     powers[:, 0] = 1
-    powers[:, 1:] = turn_of(upright)[:, None] ** _POWERS / scale
-    products = parts[:, :, None] * powers[:, None, :3]
-    seen = np.empty((len(upright), 1 + 3 * parts.shape[1] + 3), np.float32)
+    powers[:, 1:] = turn_of(upright, parts)[:, None] ** _POWERS / scale
+    products = found[:, :, None] * powers[:, None, :3]
+    seen = np.empty((len(upright), 1 + 3 * found.shape[1] + 3), np.float32)
     seen[:, 0], seen[:, -3:] = 1, powers[:, 1:]
     seen[:, 1:-3] = products.reshape(len(upright), -1)
     return seen

@@ -8,7 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from guise.aam.landmarks.schemes import OUTER_EYE_CORNERS
-from guise.common.arrays import F64
+from guise.common.arrays import F64, Int
+from guise.common.kernels import kernel
 
 MIN_SIDE_PIXELS = 1e-3
 
@@ -21,11 +22,24 @@ def roll(points: F64) -> float:
 
 def upright_square(points: F64) -> tuple[F64, float, float]:
     """Centre (2,), side and turn of the box of points (n, 2) in the frame in which the eyes are level."""
-    turn = roll(points)
+    made = np.empty(4)
+    upright_box(np.ascontiguousarray(points, np.float64), OUTER_EYE_CORNERS, made)
+    return made[:2], float(made[2]), float(made[3])
+
+
+@kernel
+def upright_box(points: F64, eyes: Int, made: F64) -> None:
+    """Centre x and y, side and turn of `upright_square`, written to `made` (4,).
+
+    points : (n, 2), pixels.   eyes : (2,) of them, the outer eye corners.
+    """
+    right, left = points[eyes]
+    x, y = left - right
+    turn = np.arctan2(y, x)
     back = _rotation(turn)
     level = points @ back
     low, high = np.minimum.reduce(level), np.maximum.reduce(level)
-    return back @ ((low + high) / 2), float(np.maximum.reduce(high - low)), turn
+    made[:2], made[2], made[3] = back @ ((low + high) / 2), np.maximum.reduce(high - low), turn
 
 
 def crop_to_picture(centre: F64, side: float, turn: float, size: tuple[int, int]) -> F64:

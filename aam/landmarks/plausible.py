@@ -6,14 +6,16 @@ that went astray, not one that is slightly wrong.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.landmarks.schemes import interocular, mean_geometry
+from guise.aam.landmarks.schemes import OUTER_EYE_CORNERS, interocular, mean_geometry
 from guise.aam.similarity import align_complex
+from guise.common.arrays import F64, Int
+from guise.common.kernels import kernel
 from guise.common.small import lengths, mean
 
 
@@ -36,6 +38,7 @@ class PlausibilityLimits:
 
 
 LIMITS = PlausibilityLimits()
+_MOTION: F64 = np.array(astuple(LIMITS)[-4:])
 
 
 def shape_confidence(points: NDArray[Any]) -> float:
@@ -57,7 +60,7 @@ def shape_confidence(points: NDArray[Any]) -> float:
     )
 
 
-def visible_share(points: NDArray[Any], width: int, height: int) -> float:
+def visible_share(points: NDArray[Any], width: float, height: float) -> float:
     """Share of the points that lie inside a picture of that size."""
     x, y = points.T
     inside = (x >= -0.5) & (y >= -0.5) & (x <= width - 0.5) & (y <= height - 0.5)
@@ -66,15 +69,22 @@ def visible_share(points: NDArray[Any], width: int, height: int) -> float:
 
 def is_plausible_motion(previous: NDArray[Any], current: NDArray[Any]) -> bool:
     """Whether a face can have got from ``previous`` to ``current`` (81, 2) within one frame."""
-    before, after = float(interocular(previous)), float(interocular(current))
-    if not (
-        before > 0
-        and after >= LIMITS.min_interocular_pixels
-        and 1 / LIMITS.max_growth < after / before < LIMITS.max_growth
-    ):
-        return False
+    before, after = (np.ascontiguousarray(points, np.float64) for points in (previous, current))
+    return bool(plausible_motion(before, after, OUTER_EYE_CORNERS, _MOTION))
+
+
+@kernel
+def plausible_motion(previous: F64, current: F64, eyes: Int, limits: F64) -> int:
+    """Whether points (n, 2) can have moved so.
+
+    eyes : (2,) of them, the outer eye corners.   limits : (4,) the last ones of `PlausibilityLimits`, in order.
+    """
+    least, growth, motion, most_bend = limits.tolist()
+    before, after = (float(lengths(np.subtract(*points[eyes]))) for points in (previous, current))
+    if not (before > 0 and after >= least and 1 / growth < after / before < growth):
+        return 0
     moved = lengths(mean(current, 0) - mean(previous, 0)) / before
-    return bool(moved < LIMITS.max_motion) and bend(previous, current) < LIMITS.max_bend
+    return int(moved < motion and bend(previous, current) < most_bend)
 
 
 def bend(previous: NDArray[Any], current: NDArray[Any]) -> float:

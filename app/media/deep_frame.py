@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.app.media.colour import ColourMatrix
-from guise.app.media.frame import Frame, matrix_of
+from guise.app.media.frame import Frame, components_at, matrix_of
 from guise.app.media.orientation import AS_STORED, Orientation, Points
 from guise.app.media.pixel_formats import DEEP_FORMATS, depth
 from guise.app.media.rendition import Rendition, is_hdr, rendition_of
@@ -125,11 +125,12 @@ class DeepFrame(Frame):
         made = np.clip(values * self._unit + np.float32(0.5), 0, self._most).astype(plane.dtype)
         np.copyto(plane[rows, columns], made, where=where)
 
-    def _sample_components(self, points: Points) -> F32:
-        values = super()._sample_components(points) / self._unit
-        if len(self._stored_planes()) < 3:
+    def _colours_at(self, points: Points) -> F32:
+        planes = self._stored_planes()
+        values = components_at(planes, points, self._to_chroma) / self._unit
+        if len(planes) < 3:
             values[..., 1:] = 128
-        return self._look.shown(values)
+        return np.asarray(cv2.transform(self._look.shown(values), self.colour.to_rgb)[:, 0], np.float32)
 
 
 def _size_of(yuv: Plane) -> tuple[int, int]:

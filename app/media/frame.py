@@ -22,6 +22,7 @@ from guise.app.media import colour as tags
 from guise.app.media.colour import ColourMatrix, gbr_matrix, yuv_matrix
 from guise.app.media.orientation import AS_STORED, Orientation, Points
 from guise.app.media.pixel_formats import DEEP_FORMATS, NATIVE_FORMATS, SHALLOW, depth, has_alpha
+from guise.common.arrays import side_by_side
 from guise.common.kernels import kernel
 from guise.common.sampling import remap_points
 
@@ -189,7 +190,7 @@ class Frame:
             gbr = np.empty((h, w, 3), np.uint8)  # three copies of planes: many times faster than an index
             gbr[..., 0], gbr[..., 1], gbr[..., 2] = shown[..., 1], shown[..., 2], shown[..., 0]
             return gbr
-        luma, *chroma = (_rows(plane) for plane in self._shown_planes())
+        luma, *chroma = (side_by_side(plane) for plane in self._shown_planes())
         made = np.empty((h, w, 3), np.uint8)
         if not chroma:
             made[..., 0], made[..., 1:] = luma[y0 : y0 + h, x0 : x0 + w], 128
@@ -303,28 +304,25 @@ class Frame:
         if len(shown) == 0:
             return np.zeros((0, 3), np.float32)
         stored = self.orientation.stored_points(shown, self.width, self.height)
+        return self._colours_at(np.ascontiguousarray(stored, np.float32))
+
+    def _colours_at(self, points: Points) -> NDArray[np.float32]:
+        """RGB (n, 3) at stored points (n, 2)."""
+        made = np.empty((len(points), 3), np.float32)
         if self._rgb is not None:
-            return _bilinear(stored, self._rgb)[0]
-        return np.asarray(
-            cv2.transform(self._sample_components(stored), self.colour.to_rgb)[:, 0], np.float32
-        )
-
-    def _sample_components(self, points: Points) -> NDArray[np.float32]:
-        """Components (n, 1, 3) float32 at stored points (n, 2); no chroma is grey."""
+            sample_picture(self._rgb, points, made)
+            return made
         luma, *chroma = self._stored_planes()
-        values = np.empty((len(points), 1, 3), np.float32)
-        values[:, 0, 0] = _bilinear(points, luma)[0]
-        values[:, 0, 1:] = 128
-        if chroma:
-            values[:, 0, 1], values[:, 0, 2] = _bilinear(self._chroma_points(points), *chroma)
-        return values
+        first, second = (side_by_side(plane) for plane in chroma) if chroma else (_GREY, _GREY)
+        sample_planes(luma, first, second, points, self._to_chroma, self.colour.to_rgb, made)
+        return made
 
-    def _chroma_points(self, points: Points) -> Points:
-        """Stored points (n, 2) in chroma samples, which are centred on their cells, but in MPEG on even columns."""
-        step = 1 << np.array(self._stored_shift)
+    @property
+    def _to_chroma(self) -> NDArray[np.float32]:
+        """See `sample_planes`: chroma samples are centred on their cells, but in MPEG on even columns."""
+        x, y = (1 << shift for shift in self._stored_shift)
         mpeg = self._video is not None and not self._video.format.name.startswith("yuvj")
-        corner = (step - 1) / 2 * (not mpeg, 1)
-        return np.float32(1 / step) * (points - np.float32(corner))
+        return np.array([1 / x, 1 / y, 0 if mpeg else (x - 1) / 2, (y - 1) / 2], np.float32)
 
     @property
     def nbytes(self) -> int:
@@ -345,6 +343,7 @@ class Frame:
         return twin
 
 
+_GREY: Plane = np.full((1, 1), 128, np.uint8)
 _GBR = gbr_matrix()
 _YUV = yuv_matrix(tags.BT470BG, tags.FULL, 0)
 _MATRICES: dict[tuple[int, int, bool], ColourMatrix] = {}
@@ -431,11 +430,6 @@ def clone_video_frame(video: av.VideoFrame, width: int = 0, height: int = 0, fmt
     return twin
 
 
-def _rows(plane: Plane) -> Plane:
-    """A plane whose pixels of a row lie side by side, as those of a turned picture do not."""
-    return plane if plane.strides[1] == 1 else np.ascontiguousarray(plane)
-
-
 @kernel
 def merge_planes(
     luma: Plane, u: Plane, v: Plane, shift_x: int, shift_y: int, left: int, top: int, out: Plane
@@ -449,6 +443,44 @@ def merge_planes(
         c.repeat(1 << shift_x, 1).repeat(1 << shift_y, 0)[top : top + h, left : left + w] for c in (u, v)
     )
     out[..., 0], out[..., 1], out[..., 2] = luma, *chroma
+
+
+@kernel
+def sample_picture(picture: Plane, points: Points, colours: NDArray[np.float32]) -> None:
+    """Bilinear colours (n, c) of a picture (h, w, c) at points (n, 2); the border is repeated beyond it."""
+    colours[:] = _bilinear(points, picture)[0]
+
+
+@kernel
+def sample_planes(
+    luma: Plane, first: Plane, second: Plane, points: Points, to_chroma: NDArray[np.float32],
+    to_rgb: NDArray[np.float32], colours: NDArray[np.float32],
+) -> None:  # fmt: skip
+    """Bilinear RGB at points of a picture in planes; the border is repeated beyond it.
+
+    Parameters
+    ----------
+    luma, first, second : (h, w), and (h', w') both of chroma.
+    points : (n, 2), pixels.
+    to_chroma : (4,) scale along x and y, and corner: a point is seen at (point - corner) * scale in chroma.
+    to_rgb : (3, 4), see `ColourMatrix`.
+    colours : (n, 3), not clipped, which is written.
+    """
+    values = components_at((luma, first, second), points, to_chroma)
+    colours[:] = cv2.transform(values, to_rgb)[:, 0]
+
+
+def components_at(
+    planes: tuple[Plane, ...], points: Points, to_chroma: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Components (n, 1, 3) at stored points (n, 2), as in `sample_planes`; 128 where there is no chroma."""
+    luma, *chroma = planes
+    values = np.empty((len(points), 1, 3), np.float32)
+    values[:, 0, 0] = _bilinear(points, luma)[0]
+    values[:, 0, 1:] = 128
+    if chroma:
+        values[:, 0, 1], values[:, 0, 2] = _bilinear((points - to_chroma[2:]) * to_chroma[:2], *chroma)
+    return values
 
 
 def _bilinear(points: Points, *planes: Plane) -> list[NDArray[np.float32]]:

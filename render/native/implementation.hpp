@@ -20,7 +20,10 @@ template <int Place, class T> T *memory(i64 size) {
 #include "frame.hpp"
 #include "geometry.hpp"
 #include "irises.hpp"
+#include "landmarks.hpp"
 #include "openings.hpp"
+#include "sampling.hpp"
+#include "solid.hpp"
 #include "texture.hpp"
 #include "tracking.hpp"
 

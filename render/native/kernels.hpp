@@ -9,21 +9,33 @@ namespace guise {
 // Their names.
 #define GUISE_KERNELS(K) \
     K(composite) \
+    K(correct_points) \
     K(expressed) \
     K(fit_cascade) \
+    K(judge_points) \
     K(lay_over) \
     K(lit) \
     K(merge_planes) \
     K(mesh_positions) \
+    K(planar_similarity) \
+    K(plausible_motion) \
+    K(relief_seen) \
+    K(sample_picture) \
+    K(sample_planes) \
     K(scattered) \
     K(show_through) \
+    K(solid_fit) \
     K(texel_sums) \
     K(tint_iris) \
+    K(upright_box) \
 
 // Each has a NumPy twin of the same name, which says what it does: look for `@kernel` in the Python code.
 struct Kernels {
     void (*composite)(Array<const u8> texture, Array<const u8> alpha, Array<const double> snapped,
                       Array<const i32> triangles, Array<const double> grid, double opacity, Array<u8> target);
+    void (*correct_points)(Array<const double> points, Array<const i64> parts, Array<const float> centre,
+                           Array<const float> axes, Array<const float> scale, Array<const float> weights, double most,
+                           double full, Array<double> corrected);
     void (*expressed)(Array<const float> base, Array<const u16> matrix, Array<const float> away,
                       Array<const float> factors, Array<float> out);
     double (*fit_cascade)(Array<const u8> luma, Array<const double> start, Array<const double> points,
@@ -32,6 +44,8 @@ struct Kernels {
                           Array<const float> stages, Array<const float> texture_mean,
                           Array<const float> texture_basis, Array<const double> limits, Array<double> shape,
                           Array<double> parameters);
+    double (*judge_points)(Array<const double> points, Array<const double> sigma, double bias, double width,
+                           double height, Array<const i64> eyes, Array<const double> rules, Array<float> certain);
     void (*lay_over)(Array<const float> own, Array<const float> share, double shown, Array<u8> picture);
     void (*lit)(Array<const float> texture, Array<const i64> pixels, i64 width, Array<const float> cells, double cell,
                 Array<const i64> in_parts, Array<const float> shares, Array<const float> parts,
@@ -40,10 +54,24 @@ struct Kernels {
                          i64 left, i64 top, Array<u8> out);
     void (*mesh_positions)(Array<const double> points, Array<const i64> vertices, Array<const float> weights,
                            Array<float> places);
+    void (*planar_similarity)(Array<const double> source, Array<const double> target, Array<const double> weights,
+                              Array<double> made);
+    i64 (*plausible_motion)(Array<const double> previous, Array<const double> current, Array<const i64> eyes,
+                            Array<const double> limits);
+    void (*relief_seen)(Array<const double> points, Array<const i64> vertices, Array<const float> weights,
+                        Array<const double> depth, Array<const double> across, double beyond, Array<double> seen);
+    void (*sample_picture)(Array<const u8> picture, Array<const float> points, Array<float> colours);
+    void (*sample_planes)(Array<const u8> luma, Array<const u8> first, Array<const u8> second,
+                          Array<const float> points, Array<const float> to_chroma, Array<const float> to_rgb,
+                          Array<float> colours);
     void (*scattered)(Array<const float> planes, Array<const i64> pixels, Array<const i64> beside,
                       Array<const i64> nearest, Array<u8> picture);
     void (*show_through)(Array<const i64> corners, Array<const float> weights, Array<const double> head,
                          Array<const u8> roi, double sharpening, Array<float> places, Array<float> own);
+    void (*solid_fit)(Array<const double> points, Array<const double> mean, Array<const double> modes,
+                      Array<const double> noise, Array<const double> middle, Array<const double> precision, i64 steps,
+                      double outlier, Array<double> rotation, Array<double> place, Array<double> amounts,
+                      Array<double> solid);
     void (*texel_sums)(Array<const i64> corners, Array<const double> shares, Array<const float> values,
                        Array<const float> weights, Array<float> sums);
     void (*tint_iris)(Array<const float> places, Array<const float> axes, Array<const float> cells,
@@ -51,6 +79,7 @@ struct Kernels {
                       Array<const float> to_rgb, Array<const float> from_rgb, Array<const double> moves,
                       Array<const float> factors, Array<const float> profiles, Array<const double> numbers,
                       Array<double> gaze, Array<float> eye);
+    void (*upright_box)(Array<const double> points, Array<const i64> eyes, Array<double> made);
 };
 
 // Null where the compiler or the processor lacks the instruction set.

@@ -138,9 +138,9 @@ double fit_cascade(Array<const u8> luma, Array<const double> start, Array<const 
     const Mesh mesh(vertices, weights, count);
     const i64 n = mesh.places, corrected = 4 + modes, steps = stages.shape[0], known = texture_basis.shape[0];
     require(luma.axes == 2, "luma must be (h, w)");
-    require(points.axes == 2 && points.shape[1] == 2 && points.stride == 2 && count > 0, "points must be (v, 2)");
-    require(start.size() == 2 * count && start.shape[0] == count && start.stride == 2, "start must be (v, 2)");
-    require(shape.size() == 2 * count && shape.shape[0] == count && shape.stride == 2, "shape must be (v, 2)");
+    require_points(points, std::max<i64>(count, 1), "points must be (v, 2)");
+    require_points(start, count, "start must be (v, 2)");
+    require_points(shape, count, "shape must be (v, 2)");
     require(rigid.size() == count && rigid.axes == 1 && rigid.stride == 1, "rigid must be (v,)");
     require(mean.size() == 2 * count && mean.axes == 1 && mean.stride == 1, "mean must be (2 v,)");
     require(basis.shape[0] == 2 * count && basis.shape[1] == modes && basis.axes == 2 && basis.stride == modes, "basis must be (2 v, k)");

@@ -1,0 +1,39 @@
+// Included by each instruction set in a namespace of its own: colours of a picture at points.
+
+inline Plane<u8> plane_of(const Array<const u8> &array) { return {array.data, array.shape[1], array.shape[0], array.stride}; }
+
+void sample_picture(Array<const u8> picture, Array<const float> points, Array<float> colours) {
+    const i64 count = points.shape[0], parts = picture.shape[2];
+    require_points(points, count, "points must be (n, 2)");
+    require(picture.axes == 3 && picture.size() > 0, "picture must be (h, w, c)");
+    require(colours.axes == 2 && colours.shape[0] == count && colours.shape[1] == parts && colours.stride == parts, "colours must be (n, c)");
+    const Plane<u8> plane = plane_of(picture);
+    for (i64 k = 0; k < count; ++k) {
+        Plane<u8>::Cell cell = plane.cell(points.data[2 * k], points.data[2 * k + 1]);
+        cell.x0 *= parts, cell.x1 *= parts;
+        for (i64 c = 0; c < parts; ++c, ++cell.x0, ++cell.x1) colours.data[parts * k + c] = plane.at(cell);
+    }
+}
+
+void sample_planes(Array<const u8> luma, Array<const u8> first, Array<const u8> second, Array<const float> points,
+                   Array<const float> to_chroma, Array<const float> to_rgb, Array<float> colours) {
+    const i64 count = points.shape[0];
+    require_points(points, count, "points must be (n, 2)");
+    require(luma.axes == 2 && luma.size() > 0, "luma must be (h, w)");
+    require(first.axes == 2 && first.size() > 0, "first must be (h, w)");
+    require(second.axes == 2 && second.shape[0] == first.shape[0] && second.shape[1] == first.shape[1], "second must be as first");
+    require(to_chroma.axes == 1 && to_chroma.size() == 4 && to_chroma.stride == 1, "to_chroma must be (4,)");
+    require(to_rgb.axes == 2 && to_rgb.shape[0] == 3 && to_rgb.shape[1] == 4 && to_rgb.stride == 4, "to_rgb must be (3, 4)");
+    require(colours.axes == 2 && colours.shape[0] == count && colours.shape[1] == 3 && colours.stride == 3, "colours must be (n, 3)");
+    const Plane<u8> bright = plane_of(luma), one = plane_of(first), other = plane_of(second);
+    const float *place = to_chroma.data, *matrix = to_rgb.data;
+    for (i64 k = 0; k < count; ++k) {
+        const float x = points.data[2 * k], y = points.data[2 * k + 1];
+        const float a = bright.at(bright.cell(x, y)), u = (x - place[2]) * place[0], v = (y - place[3]) * place[1];
+        const float b = one.at(one.cell(u, v)), c = other.at(other.cell(u, v));
+        for (int part = 0; part < 3; ++part) {
+            const float *row = matrix + 4 * part;
+            colours.data[3 * k + part] = row[0] * a + row[1] * b + row[2] * c + row[3];
+        }
+    }
+}

@@ -1,0 +1,124 @@
+// Included by each instruction set in a namespace of its own: the solid shape of a face.
+
+inline double dot(const double *a, const double *b, i64 count) {
+    double part[8] = {};
+    i64 k = 0;
+    for (; k + 8 <= count; k += 8) {
+        for (int lane = 0; lane < 8; ++lane) part[lane] += a[k + lane] * b[k + lane];
+    }
+    for (; k < count; ++k) part[k % 8] += a[k] * b[k];
+    return total(part);
+}
+
+// The solution of a symmetric positive system (n, n), whose lower half is given and lost, in place of its right side.
+inline bool solve(double *matrix, double *right, i64 n) {
+    for (i64 i = 0; i < n; ++i) {
+        double *row = matrix + i * n;
+        for (i64 j = 0; j <= i; ++j) {
+            const double left = row[j] - dot(row, matrix + j * n, j);
+            if (j < i) {
+                row[j] = left * matrix[j * n + j];
+            } else if (left < std::numeric_limits<double>::epsilon()) {
+                return false;
+            } else {
+                row[i] = 1 / std::sqrt(left);
+            }
+        }
+    }
+    for (i64 i = 0; i < n; ++i) right[i] = (right[i] - dot(matrix + i * n, right, i)) * matrix[i * n + i];
+    for (i64 i = n - 1; i >= 0; --i) {
+        right[i] *= matrix[i * n + i];
+        for (i64 j = 0; j < i; ++j) right[j] -= matrix[i * n + j] * right[i];
+    }
+    return true;
+}
+
+// The rotation about a vector by its length (Rodrigues), times another one, in place of that.
+inline void turn(const double *vector, double *rotation) {
+    const double angle = std::sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]);
+    const double over = std::max(angle, 1e-12), x = vector[0] / over, y = vector[1] / over, z = vector[2] / over;
+    const double sine = std::sin(angle), rest = 1 - std::cos(angle);
+    const double k[3][3] = {{0, -z, y}, {z, 0, -x}, {-y, x, 0}};
+    double made[9];
+    for (int i = 0; i < 3; ++i) {
+        double row[3];
+        for (int j = 0; j < 3; ++j) {
+            const double squared = k[i][0] * k[0][j] + k[i][1] * k[1][j] + k[i][2] * k[2][j];
+            row[j] = double(i == j) + sine * k[i][j] + rest * squared;
+        }
+        for (int j = 0; j < 3; ++j) made[3 * i + j] = row[0] * rotation[j] + row[1] * rotation[3 + j] + row[2] * rotation[6 + j];
+    }
+    std::copy(made, made + 9, rotation);
+}
+
+void solid_fit(Array<const double> points, Array<const double> mean, Array<const double> modes, Array<const double> noise,
+               Array<const double> middle, Array<const double> precision, i64 steps, double outlier,
+               Array<double> rotation, Array<double> place, Array<double> amounts, Array<double> solid) {
+    const i64 count = points.shape[0], known = modes.shape[0], size = 6 + known, width = 2 * count;
+    require_points(points, count, "points must be (v, 2)");
+    const auto is_solid = [count](const auto &array) { return array.axes == 2 && array.shape[0] == count && array.shape[1] == 3 && array.stride == 3; };
+    const auto has = [](const auto &array, i64 n) { return array.axes == 1 && array.shape[0] == n && (n < 2 || array.stride == 1); };
+    require(is_solid(mean) && is_solid(solid), "mean and solid must be (v, 3)");
+    require(modes.axes == 3 && (!known || (modes.shape[1] == count && modes.shape[2] == 3 && modes.stride == 3 * count)), "modes must be (k, v, 3)");
+    require(has(noise, count), "noise must be (v,)");
+    require(has(middle, known) && has(precision, known) && has(amounts, known), "middle, precision and amounts must be (k,)");
+    require(rotation.axes == 2 && rotation.shape[0] == 3 && rotation.shape[1] == 3 && rotation.stride == 3, "rotation must be (3, 3)");
+    require(has(place, 3), "place must be (3,)");
+    double *design = memory<240, double>(size * width), *normal = memory<241, double>(size * size);
+    double *right = memory<242, double>(size), *away = memory<243, double>(width), *r = rotation.data;
+    const auto shape = [&] {
+        std::copy(mean.data, mean.data + 3 * count, solid.data);
+        for (i64 j = 0; j < known; ++j) {
+            const double amount = amounts.data[j], *mode = modes.row(j);
+            for (i64 k = 0; k < 3 * count; ++k) solid.data[k] += amount * mode[k];
+        }
+    };
+    for (i64 step = 0; step < steps; ++step) {
+        shape();
+        const double scale = place.data[0];
+        double turned[6];
+        for (int k = 0; k < 6; ++k) turned[k] = scale * r[k];
+        // A column for each point's x, then for each point's y; rows: turns about x, y, z, scale, translation, modes.
+        double *row = design;
+        std::fill(design, design + 6 * width, 0.0);
+        for (i64 k = 0; k < count; ++k) {
+            const double *at = solid.data + 3 * k;
+            const double x = r[0] * at[0] + r[1] * at[1] + r[2] * at[2], y = r[3] * at[0] + r[4] * at[1] + r[5] * at[2];
+            const double z = r[6] * at[0] + r[7] * at[1] + r[8] * at[2], sigma = scale * noise.data[k];
+            const double dx = points.data[2 * k] - scale * x - place.data[1], dy = points.data[2 * k + 1] - scale * y - place.data[2];
+            const double far = (dx * dx + dy * dy) / (outlier * sigma * (outlier * sigma));
+            const double weight = 1 / (sigma * std::sqrt(1 + far));
+            away[k] = dx * weight, away[count + k] = dy * weight;
+            row[count + k] = -z * scale * weight;
+            row[width + k] = z * scale * weight;
+            row[2 * width + k] = -y * scale * weight, row[2 * width + count + k] = x * scale * weight;
+            row[3 * width + k] = x * weight, row[3 * width + count + k] = y * weight;
+            row[4 * width + k] = weight, row[5 * width + count + k] = weight;
+        }
+        const double *weights = design + 4 * width;
+        for (i64 j = 0; j < known; ++j) {
+            const double *mode = modes.row(j);
+            double *out = design + (6 + j) * width;
+            for (i64 k = 0; k < count; ++k) {
+                const double *at = mode + 3 * k;
+                out[k] = (turned[0] * at[0] + turned[1] * at[1] + turned[2] * at[2]) * weights[k];
+                out[count + k] = (turned[3] * at[0] + turned[4] * at[1] + turned[5] * at[2]) * weights[k];
+            }
+        }
+        for (i64 i = 0; i < size; ++i) {
+            for (i64 j = 0; j <= i; ++j) normal[i * size + j] = dot(design + i * width, design + j * width, width);
+            right[i] = dot(design + i * width, away, width);
+            normal[i * size + i] += 1e-9;
+            if (i < 6) continue;
+            const double sure = precision.data[i - 6];
+            normal[i * size + i] += sure;
+            right[i] -= sure * (amounts.data[i - 6] - middle.data[i - 6]);
+        }
+        if (!solve(normal, right, size)) return shape();
+        turn(right, r);
+        place.data[0] = std::min(std::max(scale + right[3], 0.5 * scale), 2 * scale);
+        place.data[1] += right[4], place.data[2] += right[5];
+        for (i64 j = 0; j < known; ++j) amounts.data[j] += right[6 + j];
+    }
+    shape();
+}
