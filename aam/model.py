@@ -28,6 +28,7 @@ from guise.aam.view_textures import ViewTextures
 from guise.common.arrays import F32, F64, U8
 from guise.common.errors import GuiseError
 from guise.common.files import write_whole
+from guise.common.threads import one_thread
 
 FORMAT = "guise-identity"
 VERSION, COMPACT_VERSION = 1, 2
@@ -185,7 +186,8 @@ class Identity:
         try:
             tensors = _expanded(tensors, reference)
             _check_lengths(tensors, reference)
-            return cls._assemble(tensors, header, reference)
+            with one_thread():
+                return cls._assemble(tensors, header, reference)
         except (KeyError, ValueError, IndexError) as error:
             raise ModelError(f"{path} is damaged ({error}); enroll the person again") from error
 

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 
 from guise.aam.model import Identity
 from guise.app.media.file_kind import is_picture
-from guise.app.people.found import VideoPeople
 from guise.app.swapping.file import swap_file
 from guise.app.swapping.report import DEFAULTS, PersonOutcome, SwapError, SwapReport, SwapSettings
-from guise.app.swapping.several import Casting, draw_photo, swap_people
 from guise.common.arrays import U8
 
 if TYPE_CHECKING:
     from guise.app.enrolment.landmark_source import LandmarkSource
+    from guise.app.people.found import VideoPeople
+    from guise.app.swapping.several import Casting
 
 
 def swap_any(
@@ -27,6 +27,8 @@ def swap_any(
 ) -> SwapReport:  # fmt: skip
     """As `swap_file`; of a photo whose person has no model, the largest face is swapped."""
     if is_picture(file) and not isinstance(source, Identity):
+        from guise.app.swapping.several import Casting, swap_people
+
         if source.files or source.landmarker is not None:
             raise SwapError(f"the landmarks of {file.name} are found, as it is a photo: give none")
         return swap_people(file, Casting({"largest": identity}), output, settings=settings)
@@ -81,5 +83,7 @@ def swap_photo(
     Traceback (most recent call last):
     guise.app.swapping.report.SwapError: no face is seen in the photo: use a photo that shows one more clearly
     """
+    from guise.app.swapping.several import Casting, draw_photo
+
     casting = Casting({"largest": faces}) if isinstance(faces, Identity) else faces
     return SwappedPhoto(*draw_photo(photo, casting, found=found, settings=settings))
