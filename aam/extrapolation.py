@@ -74,13 +74,10 @@ class Extrapolator:
                 f"{target.reference.resolution} pixels across the face); enroll both with the same --resolution"
             )
         self.reference = source.reference
-        ys, yt = source.components.basis, target.components.basis
-        if tone is not None:
-            ys = ys.copy()
-            ys[SHAPE_ENTRIES:].reshape(-1, 3, ys.shape[1])[:] *= tone[:, None]
-        self._amounts = yt.T @ ys
+        self._bases = source.components.basis, target.components.basis
+        self._tone = np.ones((1, 1), np.float32) if tone is None else _tones(tone, source.reference)
+        self._amounts = self._bases[1].T @ (self._bases[0] * self._tone)
         self._most = None if max_deviations is None else max_deviations * target.components.deviations
-        self._bases = ys, yt
         self._shown = np.ones((1, 1), np.float32) if moving is None else _weights(moving, source.reference)
         self._soft = _weights(gate + (1 - gate) * expressive_mask(source.reference), source.reference)
         self._base = turned_neutral(target, source) if anchored else target.components.mean
@@ -99,15 +96,17 @@ class Extrapolator:
             raise GuiseError(f"alpha must be in [0, 1], got {value}")
         self._alpha = float(value)
         source, target = self._bases
-        matrix = target @ self._amounts
-        matrix += np.float32(value) * self._soft * (source - matrix)
+        matrix, away = target @ self._amounts, source * self._tone
+        away -= matrix
+        away *= np.float32(value) * self._soft
+        matrix += away
         matrix *= self._shown
-        # Of the parameters, then of what is taken back of the target's modes.
-        both = np.concatenate([matrix, -self._shown * target], axis=1)
-        self._of_shape = both[:SHAPE_ENTRIES]
+        # Of the parameters, then of what is taken back of the target's modes; no views, which hold all of it.
+        parts = matrix, -self._shown * target
+        self._of_shape = np.concatenate([part[:SHAPE_ENTRIES] for part in parts], axis=1)
         # Half floats suffice, as a term of the sum is a few grey levels, but NumPy takes long to read them.
         kind = np.float32 if COMPILED is None else np.float16
-        self._of_texture = np.ascontiguousarray(both[SHAPE_ENTRIES:].T.astype(kind))
+        self._of_texture = np.concatenate([part[SHAPE_ENTRIES:].T.astype(kind, "C") for part in parts])
 
     @property
     def matrix(self) -> F32:
@@ -149,6 +148,12 @@ def expressed(base: F32, matrix: NDArray[np.floating], away: F32, factors: F32, 
 def _weights(shares: F32, reference: ReferenceFrame) -> F32:
     """(n, 1) weights of an appearance vector's entries: 1 for the shape, shares (h, w) for the texture."""
     texture = np.repeat(shares[reference.mask].astype(np.float32), 3)
+    return np.concatenate([np.ones(SHAPE_ENTRIES, np.float32), texture])[:, None]
+
+
+def _tones(tone: F32, reference: ReferenceFrame) -> F32:
+    """(n, 1) factors of an appearance vector's entries: 1 for the shape, tone (3,) for the texture."""
+    texture = np.tile(tone, len(reference.pixels))
     return np.concatenate([np.ones(SHAPE_ENTRIES, np.float32), texture])[:, None]
 
 
