@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -220,6 +221,23 @@ def test_tint_iris(seed: int, is_light: bool, lightens: bool, blur: float) -> No
     made = both("tint_iris", arguments, (12, 13))
     assert_alike([[gaze] for gaze, _ in made], 1e-6)
     assert_alike([[picture] for _, picture in made], 0.1)
+
+
+@compiled
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.sampled_from([0.0, 0.4, 1.0]))
+def test_lay_band(seed: int, amount: float) -> None:
+    rng = np.random.default_rng(seed)
+    height, width, rows, columns = (int(side) for side in rng.integers(3, 30, 4))
+    band = cv2.GaussianBlur(rng.normal(0, 30, (height, width)).astype(np.float32), (0, 0), 1.0)
+    cells = rng.uniform(-5, 5 + max(height, width), (rows, columns, 2)).astype(np.float32)
+    share = rng.random((2 * rows, 2 * columns)).astype(np.float32)
+    texture = rng.integers(0, 256, (4 * rows, 4 * columns, 3), np.uint8)
+
+    def arguments() -> tuple[Any, ...]:
+        return band, cells, share, amount, texture.copy()
+
+    assert_alike(both("lay_band", arguments, (4,)), MOST_LEVELS)
 
 
 @compiled

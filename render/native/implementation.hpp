@@ -8,9 +8,9 @@ inline void require(bool fits, const char *why) {
 }
 
 // Memory of this thread that is kept from call to call; its values are what the last call left.
-template <int Place, class T> T *memory(i64 size) {
+template <int Place, class T> T *memory(i64 size, const T &empty = T{}) {
     static thread_local std::vector<T> kept;
-    if (i64(kept.size()) < size) kept.resize(std::size_t(size));
+    if (i64(kept.size()) < size) kept.resize(std::size_t(size), empty);
     return kept.data();
 }
 
@@ -24,6 +24,7 @@ template <int Place, class T> T *memory(i64 size) {
 #include "openings.hpp"
 #include "sampling.hpp"
 #include "solid.hpp"
+#include "skin.hpp"
 #include "texture.hpp"
 #include "tracking.hpp"
 

@@ -13,6 +13,7 @@ namespace guise {
     K(expressed) \
     K(fit_cascade) \
     K(judge_points) \
+    K(lay_band) \
     K(lay_over) \
     K(lit) \
     K(merge_planes) \
@@ -46,6 +47,8 @@ struct Kernels {
                           Array<double> parameters);
     double (*judge_points)(Array<const double> points, Array<const double> sigma, double bias, double width,
                            double height, Array<const i64> eyes, Array<const double> rules, Array<float> certain);
+    void (*lay_band)(Array<const float> band, Array<const float> cells, Array<const float> share, double amount,
+                     Array<u8> picture);
     void (*lay_over)(Array<const float> own, Array<const float> share, double shown, Array<u8> picture);
     void (*lit)(Array<const float> texture, Array<const i64> pixels, i64 width, Array<const float> cells, double cell,
                 Array<const i64> in_parts, Array<const float> shares, Array<const float> parts,

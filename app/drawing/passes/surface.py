@@ -35,6 +35,7 @@ from guise.app.drawing.face import BROW_REACH, FEATHER, GROWTH, FaceInFrame
 from guise.app.drawing.memory import SLACK, Memory, SurfaceMemory
 from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.decay import FRAME_SECONDS
+from guise.common.kernels import kernel
 from guise.common.quantile import quantile
 from guise.common.small import mean
 from guise.common.tuned import derived, tuned
@@ -285,6 +286,7 @@ class OwnSkin:
         skin = cv2.GaussianBlur(skin_mask(reference).astype(np.float32), (0, 0), FEATHER * self._width)
         self._share = skin * (1 - soft_parts(reference, features, OWN.feature_growth_face_widths))
         self._share *= 1 - soft_parts(reference, (RIGHT_BROW, LEFT_BROW), BROW_REACH)
+        self._share = np.ascontiguousarray(self._share, np.float32)
         h, w = reference.size
         self._cells = -(-h // OWN.cell_grid_pixels), -(-w // OWN.cell_grid_pixels)
         axes = ((np.arange(n) + 0.5) * side / n - 0.5 for n, side in zip(self._cells, (h, w), strict=True))
@@ -303,17 +305,27 @@ class OwnSkin:
 
         mesh : (81 + k, 2), where the texture is drawn, in the rectangle's pixels.   zoom : of these per grid pixel.
         """
-        size = picture.shape[1::-1]
         luma = cv2.extractChannel(roi, 0).astype(np.float32)
         sigma = max(OWN.band_face_widths * self._width * zoom, 0.5)
         luma -= cv2.GaussianBlur(luma, (0, 0), sigma)
         energy = cv2.GaussianBlur(luma * luma, (0, 0), 2 * sigma)
         luma *= cv2.exp(energy * (-0.5 / OWN.fold_grey_levels**2))
-        places = cv2.resize(self._sampler.positions(mesh).reshape(*self._cells, 2), size)
-        band = cv2.remap(luma, places, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
-        band *= np.float32(share) * cv2.resize(self._share, size)
-        texture = cv2.add(cv2.extractChannel(picture, 0), band, dtype=cv2.CV_8U)
-        cv2.insertChannel(texture, picture, 0)
+        lay_band(luma, self._sampler.positions(mesh).reshape(*self._cells, 2), self._share, share, picture)
+
+
+@kernel
+def lay_band(band: F32, cells: F32, share: F32, amount: float, picture: U8) -> None:
+    """Add a band of brightness (h, w) to a texture (h, w, 3), whose first is brightness, in place.
+
+    cells : (h, w, 2) places in the band, stretched over the texture.
+    share, amount : (h, w), stretched alike, by how much of it is added, and how much of that.
+    """
+    size = picture.shape[1::-1]
+    places = cv2.resize(cells, size)
+    band = cv2.remap(band, places, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+    band *= np.float32(amount) * cv2.resize(share, size)
+    texture = cv2.add(cv2.extractChannel(picture, 0), band, dtype=cv2.CV_8U)
+    cv2.insertChannel(texture, picture, 0)
 
 
 def gradient_energy(picture: U8) -> F32:
