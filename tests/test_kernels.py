@@ -17,6 +17,8 @@ import guise.app.drawing.plan  # noqa: F401, so that all kernels are known
 from guise.aam.irises import LIMITS
 from guise.aam.mask import beyond_mask
 from guise.app.drawing.passes.irises import MOVES, TOLD, TintNumbers
+from guise.app.drawing.passes.turned import _edges as edges_of
+from guise.app.drawing.passes.turned import _inner_edges as inner_edges
 from guise.common.kernels import COMPILED, RUNNING, TWINS
 from guise.render.mesh import TexturedMesh, snap
 
@@ -238,6 +240,38 @@ def test_lay_band(seed: int, amount: float) -> None:
         return band, cells, share, amount, texture.copy()
 
     assert_alike(both("lay_band", arguments, (4,)), MOST_LEVELS)
+
+
+@compiled
+@settings(max_examples=40, deadline=None)
+@given(seeds, st.integers(5, 30), st.sampled_from([0.05, 0.4]))
+def test_find_folds(seed: int, count: int, spread: float) -> None:
+    rng = np.random.default_rng(seed)
+    grid = rng.uniform(0, 40, (count, 2))
+    triangles = Delaunay(grid).simplices.astype(np.int32)
+    to_edges = np.linalg.inv(edges_of(grid, triangles))
+    points = 1.5 * grid * (rng.uniform(0.1, 1), 1) + rng.normal(0, 40 * spread, grid.shape)
+    closing = rng.random(len(triangles)) < 0.2
+    ends, sides = inner_edges(triangles, closing)
+    limits, returned = np.array([1.5, 0.35, 0.15, 1.5]), []
+
+    def arguments() -> tuple[Any, ...]:
+        return (
+            points,
+            triangles,
+            to_edges,
+            closing,
+            ends,
+            sides,
+            limits,
+            np.zeros(len(triangles), np.float32),
+            (np.zeros((len(ends), 2, 2))),
+        )
+
+    assert_alike(both("find_folds", arguments, (7, 8)), 1e-3)
+    for run in (TWINS["find_folds"], COMPILED.find_folds):
+        returned.append(run(*arguments()))
+    assert returned[0] == returned[1]
 
 
 @compiled

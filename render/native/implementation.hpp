@@ -17,6 +17,7 @@ template <int Place, class T> T *memory(i64 size, const T &empty = T{}) {
 #include "pixels.hpp"
 
 #include "composite.hpp"
+#include "folds.hpp"
 #include "frame.hpp"
 #include "geometry.hpp"
 #include "irises.hpp"

@@ -11,6 +11,7 @@ namespace guise {
     K(composite) \
     K(correct_points) \
     K(expressed) \
+    K(find_folds) \
     K(fit_cascade) \
     K(judge_points) \
     K(lay_band) \
@@ -39,6 +40,9 @@ struct Kernels {
                            double full, Array<double> corrected);
     void (*expressed)(Array<const float> base, Array<const u16> matrix, Array<const float> away,
                       Array<const float> factors, Array<float> out);
+    i64 (*find_folds)(Array<const double> points, Array<const i32> triangles, Array<const double> to_edges,
+                      Array<const u8> closing, Array<const i64> ends, Array<const i64> sides,
+                      Array<const double> limits, Array<float> shares, Array<double> edges);
     double (*fit_cascade)(Array<const u8> luma, Array<const double> start, Array<const double> points,
                           Array<const double> rigid, Array<const i64> vertices, Array<const float> weights,
                           Array<const float> mean, Array<const float> basis, Array<const float> deviations,

@@ -21,6 +21,7 @@ from guise.aam.relief import Relief
 from guise.app.drawing.face import COARSE_CELL, FaceInFrame, Fold
 from guise.app.drawing.memory import Memory
 from guise.common.arrays import F32, F64, I32, U8, Bool, Floating, Int
+from guise.common.kernels import kernel
 from guise.common.tuned import tuned
 
 
@@ -119,7 +120,7 @@ class Folds:
         )
         order = np.argsort(every)
         self._triangle = order[np.searchsorted(every, here, sorter=order)].reshape(h, w).astype(np.int32)
-        self._triangles = relief.triangles
+        self._triangles = np.ascontiguousarray(relief.triangles, np.int32)
         self._closing = np.asarray(np.isin(relief.triangles, np.concatenate([EYES, LIPS])).any(axis=1))
         self._to_edges = np.linalg.inv(_edges(relief.points, relief.triangles))
         corners = relief.points[relief.triangles]
@@ -145,41 +146,57 @@ class Folds:
 
     def at(self, mesh: F64, zoom: float) -> Fold | None:
         """What is squeezed of a texture on a mesh (81 + k, 2) in the picture; None if nothing is."""
-        narrow = _narrowest(_edges(mesh, self._triangles) @ self._to_edges) / zoom
-        shares = self._shares(narrow)
-        squeezed = shares > 0
-        if not squeezed.any():
+        shares, edges = np.empty(len(self._triangles), np.float32), np.empty((len(self._ends), 2, 2))
+        limits = np.array([zoom, *FOLD.squeezed, FOLD.beyond_pixels])
+        meshed = mesh, self._triangles, self._to_edges, self._closing
+        found = find_folds(*meshed, self._ends, self._sides, limits, shares, edges)
+        if found < 0:
             return None
-        reach = round(FOLD.reach_pixels / zoom / 2)
+        squeezed, reach = shares > 0, round(FOLD.reach_pixels / zoom / 2)
         x, y = np.maximum(self._first[squeezed].min(0) - 4 * reach, 0)
         right, bottom = self._last[squeezed].max(0) + 4 * reach
         place, side = np.s_[y:bottom, x:right], 2 * reach + 1
         wide = cv2.dilate(shares.take(self._triangle[place]), np.ones((side, side), np.uint8))
         soft = np.asarray(cv2.blur(wide, (side, side)), np.float32)
-        return Fold(place, soft, side, self._turning_over(mesh, narrow > 0))
+        return Fold(place, soft, side, edges[:found])
 
-    def _turning_over(self, mesh: F64, facing: Bool) -> F64:
-        """(e, 2, 2) ends of the edges at which the mesh turns over, if the face is what is seen beyond them.
 
-        facing : (t,) the triangles whose front is seen.
-        """
-        one, other = self._sides.T
-        over = facing[one] != facing[other]
-        edges, front = mesh[self._ends[over]], np.where(facing[one], one, other)[over]
-        middle, along = edges.mean(1), edges[:, 1] - edges[:, 0]
-        away = np.column_stack([along[:, 1], -along[:, 0]])
-        away /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-6)
-        away *= np.sign(((middle - mesh[self._triangles[front]].mean(1)) * away).sum(1, keepdims=True))
-        beyond = edges + FOLD.beyond_pixels * away[:, None]
-        covered = _covered(beyond.reshape(-1, 2), mesh[self._triangles[facing]])
-        return np.asarray(edges[covered.reshape(-1, 2).all(axis=1)])
+@kernel
+def find_folds(
+    points: F64, triangles: I32, to_edges: F64, closing: Bool, ends: Int, sides: Int, limits: F64,
+    shares: F32, edges: F64,
+) -> int:  # fmt: skip
+    """Where a mesh is squeezed and turns over; the number of edges at which it does, -1 if nothing is squeezed.
 
-    def _shares(self, narrow: F64) -> F32:
-        """(t,) in [0, 1] by which each triangle is smoothed, of their widths over their own."""
-        first, last = FOLD.squeezed
-        shares = np.clip((first - narrow) / (first - last), 0, 1).astype(np.float32)
-        shares[self._closing] = 0
-        return shares
+    Parameters
+    ----------
+    points, triangles : (v, 2) in the picture, and (t, 3) of them.
+    to_edges : (t, 2, 2) from the edges of a triangle on the grid, as columns.
+    closing : (t,) those that are not smoothed.
+    ends, sides : (e, 2) points and triangles of the edges within the mesh.
+    limits : pixels a grid pixel, widths at which smoothing begins and is whole, and how far beyond an edge the face
+        must be what is seen, pixels.
+    shares : (t,) out, in [0, 1] by which each triangle is smoothed.
+    edges : (e, 2, 2) out, ends of the edges at which the mesh turns over with the face beyond.
+    """
+    zoom, first, last, reach = limits
+    narrow = _narrowest(_edges(points, triangles) @ to_edges) / zoom
+    shares[:] = np.clip((first - narrow) / (first - last), 0, 1)
+    shares[closing] = 0
+    if not shares.any():
+        return -1
+    facing, (one, other) = narrow > 0, sides.T
+    over = facing[one] != facing[other]
+    turning, front = points[ends[over]], np.where(facing[one], one, other)[over]
+    middle, along = turning.mean(1), turning[:, 1] - turning[:, 0]
+    away = np.column_stack([along[:, 1], -along[:, 0]])
+    away /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-6)
+    away *= np.sign(((middle - points[triangles[front]].mean(1)) * away).sum(1, keepdims=True))
+    beyond = turning + reach * away[:, None]
+    covered = _covered(beyond.reshape(-1, 2), points[triangles[facing]]).reshape(-1, 2).all(axis=1)
+    found = int(covered.sum())
+    edges[:found] = turning[covered]
+    return found
 
 
 def smooth(picture: U8, fold: Fold) -> None:
