@@ -122,7 +122,7 @@ class Folds:
         self._triangle = order[np.searchsorted(every, here, sorter=order)].reshape(h, w).astype(np.int32)
         self._triangles = np.ascontiguousarray(relief.triangles, np.int32)
         self._closing = np.asarray(np.isin(relief.triangles, np.concatenate([EYES, LIPS])).any(axis=1))
-        self._to_edges = np.linalg.inv(_edges(relief.points, relief.triangles))
+        self._to_edges: F64 = np.linalg.inv(_edges(relief.points, relief.triangles)).astype(np.float64)
         corners = relief.points[relief.triangles]
         self._first, self._last = corners.min(1).astype(int), corners.max(1).astype(int) + 1
         self._ends, self._sides = _inner_edges(relief.triangles, self._closing)
