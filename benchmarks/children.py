@@ -87,13 +87,15 @@ class PeerProcess:
     Parameters
     ----------
     python : of that environment.
-    script : that it runs, of ours, with these arguments.
+    script : that it runs, of ours, with these arguments.   environment : of the process, all of it.
     """
 
-    def __init__(self, python: Path, script: Path, *arguments: object) -> None:
+    def __init__(
+        self, python: Path, script: Path, *arguments: object, environment: Mapping[str, str] = PEER_ENVIRONMENT
+    ) -> None:  # fmt: skip
         self._process = subprocess.Popen(
             [str(python), str(script), *map(str, arguments)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=PEER_ENVIRONMENT,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment,
         )  # fmt: skip
         self.line()
 

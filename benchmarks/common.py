@@ -253,15 +253,27 @@ def kept_figures(name: str) -> dict[str, float]:
 
 
 def keep(report: Report) -> None:
-    """Keep a report's figures with the day, the revision and the kind of machine."""
-    here = machine()
+    """Keep a report's figures with the day, the revision and the kind of machine, beside those of earlier releases.
+
+    Figures of the same release that this run has not measured stay, with the day and the revision of theirs.
+    """
+    here, file = machine(), RESULTS / f"{report.name}.json"
     content = {
         "day": datetime.now(UTC).date().isoformat(),
+        "release": _version("guise-video"),
         **{name: here[name] for name in ("revision", "processor", "cores")},
         "figures": {c.what: float(f"{c.measured:.4g}") for c in report.criteria},
     }
+    before = json.loads(file.read_text()) if file.is_file() else {}
+    earlier = before.pop("earlier", [])
+    if before.get("release", content["release"]) != content["release"]:
+        earlier = [before, *earlier]
+    elif left := {what: v for what, v in before.get("figures", {}).items() if what not in content["figures"]}:
+        of = before.get("not_of_this_run", {})
+        content["not_of_this_run"] = {w: of.get(w, [before["day"], before["revision"]]) for w in left}
+        content["figures"] |= left
     RESULTS.mkdir(exist_ok=True)
-    (RESULTS / f"{report.name}.json").write_text(json.dumps(content, indent=1) + "\n")
+    file.write_text(json.dumps(content | ({"earlier": earlier} if earlier else {}), indent=1) + "\n")
 
 
 # -- the command ----------------------------------------------------------------------------------------------

@@ -10,7 +10,6 @@ of a swap and of a live run, sixths of the second half of a de-identification, i
 from __future__ import annotations
 
 import argparse
-import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,7 +20,7 @@ from benchmarks import common
 from benchmarks.children import GUISE, Ran, looped, ran
 from benchmarks.common import Criterion, Report, Table
 from benchmarks.deidentify.guise import CLIP, done, enlarged, guise_command, long_clip
-from benchmarks.speed import ENROL
+from benchmarks.frame_work import enrol
 
 DONOR = "studio_d7"
 SAMPLE_SECONDS = 0.5
@@ -45,8 +44,7 @@ def swaps(options: argparse.Namespace, minutes: float, folder: Path) -> dict[str
     """The long swap, the short one with the default preset, and the long live run."""
     clip, donor = (common.real_clip(options.shared, name) for name in (CLIP, DONOR))
     models = folder / "source.guise", folder / "donor.guise"
-    for one, model in zip((clip, donor), models, strict=True):
-        ran((sys.executable, "-c", ENROL, one.video, model))
+    enrol((clip.video, donor.video), models)
     few = min(minutes, DEFAULT_PRESET_MINUTES)
     runs = {}
     for length, preset, command in (
