@@ -33,14 +33,16 @@ from guise.aam.landmarks.schemes import (
     OUTLINE,
     RIGHT_BROW,
     RIGHT_EYE,
+    RIGID_WEIGHTS,
     SILHOUETTE,
     UPPER_INNER_LIP,
     UPPER_LIDS,
 )
 from guise.aam.reference import ReferenceFrame
-from guise.aam.similarity import Failed, align
+from guise.aam.similarity import Failed, align, align_planar
 from guise.aam.solid_shape import HeadPose, SolidFit
-from guise.common.arrays import F64
+from guise.common.arrays import F32, F64, Int
+from guise.common.kernels import kernel
 from guise.common.small import mean
 
 FEATURES = np.concatenate([BROWS, NOSE, EYES, LIPS])  # whose places are learned
@@ -51,6 +53,8 @@ INSIDE_FACE_WIDTHS = (
     0.012  # of the head's silhouette, where brows and eyes end: the hull is not exact, nor hollow
 )
 MIN_GAP_GRID_PIXELS = 1e-3  # by which openings are divided
+_LIDS: Int = np.array([UPPER_LIDS, LOWER_LIDS])
+_LIPS: Int = np.array([UPPER_INNER_LIP, LOWER_INNER_LIP])
 
 
 @dataclass(frozen=True)
@@ -97,49 +101,86 @@ class ShapeTransfer:
         goal[JAW, :2] += jaw_moves(goal[JAW, :2], over[JAW, :2], outline)
         fitted = over + outline_pull(reference) @ (goal - over)
         self.solid = _farther(fitted, self._from, apart) if apart else fitted
+        resolution = reference.resolution
+        self._limits = np.array(
+            [MAX_INPUT, MAX_LID_RATIO, INSIDE_FACE_WIDTHS * resolution, MIN_GAP_GRID_PIXELS, resolution]
+        )
 
     def apply(self, shape: F64, pose: HeadPose) -> F64:
         """The target's shape (81, 2) on the grid for a tracked one (81, 2) in frame pixels, of a head in that pose."""
-        seen, own, target = self._seen(shape, pose)
-        made = seen + target - own
-        if self._learned:
-            made[FEATURES] += self._reference.resolution * self._corrections(seen, own, target)
-        opening = _gaps(seen, UPPER_LIDS, LOWER_LIDS) / _divisor(_gaps(own, UPPER_LIDS, LOWER_LIDS))
-        opening = np.minimum(np.maximum(opening, 0), MAX_LID_RATIO)
-        lids = opening[:, None] * (target[LOWER_LIDS] - target[UPPER_LIDS])
-        _open(made, UPPER_LIDS, LOWER_LIDS, lids)
-        _open(made, UPPER_INNER_LIP, LOWER_INNER_LIP, _lip_gaps(seen, own, target))
-        _draw_in(made, seen, INSIDE_FACE_WIDTHS * self._reference.resolution)
-        return np.asarray(made)
+        made, network, reference = np.empty(shape.shape), placement(), self._reference
+        transfer_shape(
+            np.ascontiguousarray(shape, np.float64), reference.points, RIGID_WEIGHTS, np.ascontiguousarray(pose.linear),
+            self._from, self.solid, *network.numbers,
+            FEATURES if self._learned else FEATURES[:0], len(BROWS), _LIDS, _LIPS, BROWS_AND_EYES, self._limits, made,
+        )  # fmt: skip
+        return made
 
     def at_rest(self, shape: F64, pose: HeadPose) -> F64:
         """The target's shape (81, 2) at rest, anywhere on the grid, as it is seen where a tracked one (81, 2) lies."""
         return np.asarray(self.solid @ (pose.linear @ self._reference.to_grid(shape).linear))
-
-    def _corrections(self, seen: F64, own: F64, target: F64) -> F64:
-        """(features, 2) face widths; of brows as at rest, as the network takes a part of their way for an error."""
-        inputs = self._inputs(seen, own, target)
-        at_rest = np.array([np.zeros_like(inputs[0]), inputs[1]])
-        moved, still = placement()(np.array([inputs, at_rest]))
-        moved[: len(BROWS)] = still[: len(BROWS)]
-        return np.asarray(moved)
 
     def inputs(self, shape: F64, pose: HeadPose) -> F64:
         """(2, 81, 2) what `Placement` sees, face widths: the source's movement, and how the target differs at rest.
 
         Differences only: what rendered faces have in common differs a little from what real ones have.
         """
-        return self._inputs(*self._seen(shape, pose))
+        reference = self._reference
+        seen = _seen(shape, reference.points, RIGID_WEIGHTS, pose.linear, self._from, self.solid)
+        return _inputs(*seen, reference.resolution)
 
-    def _inputs(self, seen: F64, own: F64, target: F64) -> F64:
-        movement = seen - own
-        return np.array([movement - mean(movement, 0), target - own]) / self._reference.resolution
 
-    def _seen(self, shape: F64, pose: HeadPose) -> tuple[F64, F64, F64]:
-        """(81, 2) on the grid: the tracked shape; source and target at rest as they are turned, anywhere."""
-        to_grid = self._reference.to_grid(shape)
-        view = pose.linear @ to_grid.linear
-        return to_grid.apply(shape), self._from @ view, self.solid @ view
+@kernel
+def transfer_shape(
+    shape: F64, points: F64, rigid: F64, linear: F64, source: F64, target: F64, centre: F32, scale: F32, weight_0: F32,
+    bias_0: F32, weight_1: F32, bias_1: F32, weight_2: F32, bias_2: F32, features: Int, held: int, lids: Int, lips: Int,
+    drawn: Int, limits: F64, made: F64,
+) -> None:  # fmt: skip
+    """The target's shape on the grid for a tracked one.
+
+    Parameters
+    ----------
+    shape : (v, 2) tracked, pixels of the frame.
+    points, rigid : (v, 2) grid pixels, and (v,) weights by which the shape is aligned with them.
+    linear : (3, 2), see `HeadPose`.
+    source, target : (v, 3) face widths, both at rest on the source's head.
+    centre .. bias_2 : of `Placement`.
+    features, held : (f,) the points that it corrects, none if it doesn't, of which so many first ones as at rest.
+    lids, lips : (2, n) upper and lower points.
+    drawn : (d,) the points that stay inside the head's silhouette.
+    limits : (5,) standard deviations of an input and ratio of lids at most; grid pixels within the silhouette, of the
+        gap by which is divided, and across the face.
+    made : (v, 2) grid pixels, which is written.
+    """
+    most, most_open, inside, gap, resolution = limits.tolist()
+    seen, own, other = _seen(shape, points, rigid, linear, source, target)
+    made[:] = seen + other - own
+    if len(features):
+        inputs = _inputs(seen, own, other, resolution)
+        both = np.array([inputs, [np.zeros_like(inputs[0]), inputs[1]]]).reshape(2, -1)
+        network = centre, scale, weight_0, bias_0, weight_1, bias_1, weight_2, bias_2
+        moved, still = _through(both, most, *network).reshape(2, -1, 2)
+        moved[:held] = still[:held]  # the network takes a part of their way for an error
+        made[features] += resolution * moved
+    (upper, lower), (seen_gaps, own_gaps) = lids, (s[lids[1], 1] - s[lids[0], 1] for s in (seen, own))
+    opening = np.minimum(np.maximum(seen_gaps / np.maximum(own_gaps, gap), 0), most_open)
+    _open(made, upper, lower, opening[:, None] * (other[lower] - other[upper]))
+    _open(made, lips[0], lips[1], _lip_gaps(seen, own, other, lips, gap))
+    beyond, out = beyond_hull(made[drawn], seen)
+    made[drawn] -= np.maximum(beyond + inside, 0)[:, None] * out
+
+
+def _seen(shape: F64, points: F64, rigid: F64, linear: F64, source: F64, target: F64) -> tuple[F64, F64, F64]:
+    """(v, 2) on the grid: the tracked shape; source and target at rest as they are turned, anywhere."""
+    to_grid = align_planar(shape, points, rigid)
+    view = linear @ to_grid.linear
+    return to_grid.apply(shape), source @ view, target @ view
+
+
+def _inputs(seen: F64, own: F64, other: F64, resolution: float) -> F64:
+    """See `ShapeTransfer.inputs`."""
+    movement = seen - own
+    return np.array([movement - mean(movement, 0), other - own]) / resolution
 
 
 class Placement:
@@ -150,19 +191,26 @@ class Placement:
 
     def __init__(self, path: Path) -> None:
         with np.load(path) as stored:
-            arrays = {name: stored[name].astype(np.float32) for name in stored.files}
-        self._centre, self._scale = arrays["centre"], arrays["scale"]
-        self._layers = [(arrays[f"weight_{i}"], arrays[f"bias_{i}"]) for i in range(len(arrays) // 2 - 1)]
+            arrays = {name: np.ascontiguousarray(stored[name], np.float32) for name in stored.files}
+        self.numbers = (
+            arrays["centre"], arrays["scale"], arrays["weight_0"], arrays["bias_0"],
+            arrays["weight_1"], arrays["bias_1"], arrays["weight_2"], arrays["bias_2"],
+        )  # fmt: skip
 
     def __call__(self, inputs: F64) -> F64:
         """(.., features, 2) in face widths for inputs (.., 2, 81, 2) of `ShapeTransfer`; more than usual is cut."""
-        values = (inputs.reshape(*inputs.shape[:-3], -1) - self._centre) / self._scale
-        values = np.minimum(np.maximum(values, -MAX_INPUT), MAX_INPUT)
-        for number, (weight, bias) in enumerate(self._layers):
-            if number:
-                values = values / (1 + np.exp(-values))
-            values = values @ weight + bias
+        values = _through(inputs.reshape(*inputs.shape[:-3], -1), MAX_INPUT, *self.numbers)
         return np.asarray(values, np.float64).reshape(*inputs.shape[:-3], -1, 2)
+
+
+def _through(values: F64, most: float, centre: F32, scale: F32, *layers: F32) -> F64:
+    """What the network makes of inputs (.., n)."""
+    values = np.minimum(np.maximum((values - centre) / scale, -most), most)
+    for number, (weight, bias) in enumerate(zip(layers[::2], layers[1::2], strict=True)):
+        if number:
+            values = values / (1 + np.exp(-values))
+        values = values @ weight + bias
+    return values
 
 
 @cache
@@ -171,21 +219,14 @@ def placement() -> Placement:
     return Placement(DATA)
 
 
-def _lip_gaps(seen: F64, own: F64, target: F64) -> F64:
+def _lip_gaps(seen: F64, own: F64, target: F64, lips: Int, gap: float) -> F64:
     """(3, 2) from upper to lower inner lips: the source's, plus the difference of the two neutral ones.
 
     That difference fades as the source's lips close, so that they touch when the source's do.
     """
-    gaps, usual, other = [s[LOWER_INNER_LIP] - s[UPPER_INNER_LIP] for s in (seen, own, target)]
-    opening = np.minimum(np.maximum(gaps[:, 1] / _divisor(usual[:, 1]), 0), 1)
+    gaps, usual, other = [s[lips[1]] - s[lips[0]] for s in (seen, own, target)]
+    opening = np.minimum(np.maximum(gaps[:, 1] / np.maximum(usual[:, 1], gap), 0), 1)
     return np.asarray(gaps + opening[:, None] * (other - usual))
-
-
-def _draw_in(made: F64, seen: F64, inside: float) -> None:
-    """Move brows and eyes that stick out of the head (81, 2), which is turned then, to inside its silhouette."""
-    features = made[BROWS_AND_EYES]
-    beyond, out = beyond_hull(features, seen)
-    made[BROWS_AND_EYES] = features - np.maximum(beyond + inside, 0)[:, None] * out
 
 
 def laid_over(face: F64, other: F64) -> F64:
@@ -232,14 +273,6 @@ def outline_pull(reference: ReferenceFrame) -> F64:
     )
     pull[OUTLINE] = np.eye(len(points))[OUTLINE]
     return pull
-
-
-def _gaps(shape: F64, upper: np.ndarray, lower: np.ndarray) -> F64:
-    return np.asarray(shape[lower, 1] - shape[upper, 1])
-
-
-def _divisor(gaps: F64) -> F64:
-    return np.maximum(gaps, MIN_GAP_GRID_PIXELS)
 
 
 def _open(shape: F64, upper: np.ndarray, lower: np.ndarray, gaps: F64) -> None:

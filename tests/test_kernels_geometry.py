@@ -2,20 +2,23 @@
 
 from dataclasses import astuple
 from typing import Any
+from unittest.mock import patch
 
 import cv2
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_kernels import MOST_PIXELS, assert_alike, both, compiled, seeds
+from test_kernels import MOST_LEVELS, MOST_PIXELS, assert_alike, both, compiled, seeds
 
-from guise.aam.landmarks.builtin import calibration
+from guise.aam.landmarks.builtin import SIZE, calibration
 from guise.aam.landmarks.correction import FULL_TURN, MAX_FEATURE, PARTS, shipped
+from guise.aam.landmarks.crops import crop_to_picture
 from guise.aam.landmarks.plausible import _MOTION as MOTION
 from guise.aam.landmarks.schemes import OUTER_EYE_CORNERS, RIGID_WEIGHTS
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.relief import BEYOND_HULL, Relief
-from guise.aam.solid_shape import HeadPose, SolidPrior
+from guise.aam.shape_transfer import ShapeTransfer
+from guise.aam.solid_shape import HeadPose, SolidFit, SolidPrior
 from guise.aam.tracker import FEATURE_RESOLUTION, Cascade
 from guise.aam.tracker import LIMITS as TRACKER
 from guise.common.arrays import F64, side_by_side
@@ -215,3 +218,38 @@ def test_solid_fit(seed: int, is_known: bool, steps: int, yaw: float) -> None:
         )  # fmt: skip
 
     assert_alike(both("solid_fit", arguments, (8, 9, 10, 11)), 1e-6)
+
+
+@compiled
+@settings(max_examples=40, deadline=None)
+@given(seeds, st.sampled_from([1, 3]), st.floats(4, 900), st.floats(-4, 4))
+def test_upright_crop(seed: int, parts: int, side: float, turn: float) -> None:
+    rng = np.random.default_rng(seed)
+    picture = rng.integers(0, 256, (*(int(side) for side in rng.integers(3, 150, 2)), parts), np.uint8)
+    centre = rng.uniform(-20, 170, 2)
+    to_picture = crop_to_picture(centre, side, turn, (SIZE, SIZE))
+
+    def arguments() -> tuple[Any, ...]:
+        return picture, to_picture, np.zeros((SIZE, SIZE, 3), np.uint8)
+
+    assert_alike(both("upright_crop", arguments, (2,)), MOST_LEVELS)
+
+
+@compiled
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.booleans(), st.floats(0, 4))
+def test_transfer_shape(seed: int, learned: bool, noise: float) -> None:
+    rng = np.random.default_rng(seed)
+    reference, prior = ReferenceFrame.canonical(96), SolidPrior.shipped()
+    pose = HeadPose(np.linalg.qr(np.eye(3) + rng.normal(0, 0.2, (3, 3)))[0], 280.0, np.zeros(2))
+    people = [SolidFit(pose, *2 * [np.zeros(0)], *2 * [prior.at_rest(rng.normal(size=32))]) for _ in range(2)]
+    transfer = ShapeTransfer(people[0], people[1], reference, learned=learned)
+    shape = 3 * reference.points + rng.normal(0, noise, (POINTS, 2))
+    given: list[Any] = []
+    with patch("guise.aam.shape_transfer.transfer_shape", lambda *arguments: given.extend(arguments)):
+        transfer.apply(shape, pose)
+
+    def arguments() -> tuple[Any, ...]:
+        return *given[:-1], np.zeros((POINTS, 2))
+
+    assert_alike(both("transfer_shape", arguments, (20,)), MOST_PIXELS)

@@ -23,19 +23,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks.correction import shipped
-from guise.aam.landmarks.crops import MIN_SIDE_PIXELS, crop_to_picture, upright_square
+from guise.aam.landmarks.crops import crop_to_picture, upright_square
 from guise.aam.landmarks.face import BoxDetector, Face, iou
 from guise.aam.landmarks.plausible import visible_share
 from guise.aam.landmarks.rolls import HALF_TURN, TURNED, UPRIGHT, detect_at_rolls, turn_of, upward
 from guise.aam.landmarks.schemes import OUTER_EYE_CORNERS, interocular
 from guise.aam.onnx_model import ShippedNetwork
-from guise.common.arrays import F32, F64, U8, Int
+from guise.common.arrays import F32, F64, U8, Int, side_by_side
 from guise.common.kernels import kernel
 from guise.common.small import mean
 
 DATA = Path(__file__).parents[1] / "data"
 SIZE = 128  # pixels, the side of the crop that the network sees
-_CORNERS: F64 = np.array([[0, 0], [SIZE, 0], [0, SIZE], [SIZE, SIZE]]) - 0.5
+MAX_BLOCK_PIXELS = 256  # the side of blocks that are averaged for it
 
 
 @dataclass(frozen=True)
@@ -323,20 +323,29 @@ def cut(rgb: U8, centre: F64, side: float, turn: float) -> tuple[U8, F64]:
     centre, side : pixels; turn : radians, by which the face is rolled clockwise. Black beyond the picture.
     A view of one channel as three (`numpy.broadcast_to`), as a grey picture is, is cut as one.
     """
-    step = max(side, MIN_SIDE_PIXELS) / SIZE
-    inverse = crop_to_picture(centre, side, turn, (SIZE, SIZE))
+    inverse, crop = crop_to_picture(centre, side, turn, (SIZE, SIZE)), np.empty((SIZE, SIZE, 3), np.uint8)
     is_grey = rgb.strides[2] == 0
-    source, local = rgb[..., 0] if is_grey else rgb, inverse
+    upright_crop(side_by_side(rgb[..., :1] if is_grey else rgb), inverse, crop)
+    return crop, inverse
+
+
+@kernel
+def upright_crop(picture: U8, to_picture: F64, crop: U8) -> None:
+    """Cut a part out of a picture (h, w, 1) or (h, w, 3); black beyond it.
+
+    to_picture : (2, 3) similarity from the pixels of the crop to the picture's.   crop : (h, w, 3), which is written.
+    """
+    step, source, local = float(np.hypot(*to_picture[:, 0])), picture, to_picture
     if step >= 2:  # average whole blocks before sampling, so that nothing aliases
-        source, local = _shrunk(source, inverse, int(step))
+        source, local = _shrunk(picture, to_picture, min(int(step), MAX_BLOCK_PIXELS), crop.shape[1::-1])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    crop = cv2.warpAffine(source, local, (SIZE, SIZE), flags=flags)
-    return np.asarray(cv2.cvtColor(crop, cv2.COLOR_GRAY2RGB) if is_grey else crop, np.uint8), inverse
+    crop[:] = cv2.warpAffine(source, local, crop.shape[1::-1], flags=flags).reshape(*crop.shape[:2], -1)
 
 
-def _shrunk(rgb: U8, inverse: F64, factor: int) -> tuple[U8, F64]:
+def _shrunk(rgb: U8, inverse: F64, factor: int, size: tuple[int, int]) -> tuple[U8, F64]:
     """The part of the picture that a crop needs, averaged over blocks of `factor` pixels, and the map into it."""
-    reached = _CORNERS @ inverse[:, :2].T + inverse[:, 2]
+    corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * size - 0.5
+    reached = corners @ inverse[:, :2].T + inverse[:, 2]
     limit = np.array(rgb.shape[1::-1])
     low = np.maximum(np.floor(np.minimum.reduce(reached)) - factor, 0)
     low = np.minimum(low, np.maximum(limit - factor, 0)).astype(int)

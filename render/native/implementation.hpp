@@ -28,6 +28,7 @@ template <int Place, class T> T *memory(i64 size, const T &empty = T{}) {
 #include "skin.hpp"
 #include "texture.hpp"
 #include "tracking.hpp"
+#include "upright.hpp"
 
 #define GUISE_SET(name) made.name = name;
 constexpr Kernels KERNELS = [] {

@@ -29,7 +29,9 @@ namespace guise {
     K(solid_fit) \
     K(texel_sums) \
     K(tint_iris) \
+    K(transfer_shape) \
     K(upright_box) \
+    K(upright_crop) \
 
 // Each has a NumPy twin of the same name, which says what it does: look for `@kernel` in the Python code.
 struct Kernels {
@@ -86,7 +88,15 @@ struct Kernels {
                       Array<const float> to_rgb, Array<const float> from_rgb, Array<const double> moves,
                       Array<const float> factors, Array<const float> profiles, Array<const double> numbers,
                       Array<double> gaze, Array<float> eye);
+    void (*transfer_shape)(Array<const double> shape, Array<const double> points, Array<const double> rigid,
+                           Array<const double> linear, Array<const double> source, Array<const double> target,
+                           Array<const float> centre, Array<const float> scale, Array<const float> weight_0,
+                           Array<const float> bias_0, Array<const float> weight_1, Array<const float> bias_1,
+                           Array<const float> weight_2, Array<const float> bias_2, Array<const i64> features, i64 held,
+                           Array<const i64> lids, Array<const i64> lips, Array<const i64> drawn,
+                           Array<const double> limits, Array<double> made);
     void (*upright_box)(Array<const double> points, Array<const i64> eyes, Array<double> made);
+    void (*upright_crop)(Array<const u8> picture, Array<const double> to_picture, Array<u8> crop);
 };
 
 // Null where the compiler or the processor lacks the instruction set.
