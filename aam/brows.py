@@ -24,7 +24,7 @@ from guise.aam.parsing import FaceClass, Parsing
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.common.arrays import F32, F64, U8, Int
 from guise.common.interpolation import interpolation
-from guise.common.sampling import remap_points
+from guise.common.kernels import kernel
 from guise.common.small import mean, ramp
 
 BROW_PAIR: Int = np.stack([RIGHT_BROW, LEFT_BROW])  # (2, 5)
@@ -72,7 +72,8 @@ _STIFF = np.diag(np.maximum(LIMITS.stiffness, 1e-6))
 
 _MARGIN = round(LIMITS.search / LIMITS.band_row)  # rows above and below the bands that are searched
 _SHIFTS = LIMITS.band_row * np.arange(-_MARGIN, _MARGIN + 1)
-_COSTS = LIMITS.cost * _SHIFTS**2
+_COSTS = np.asarray(LIMITS.cost * _SHIFTS**2, np.float64)
+TOLD = np.array([LIMITS.band_row, *LIMITS.unsure])  # to `brow_shifts`
 
 
 class BrowLift:
@@ -142,18 +143,19 @@ class BrowFollower:
     def __init__(self, appearance: AppearanceModel) -> None:
         self._reference = reference = appearance.reference
         grids = [_band(reference, brow) for brow in BROW_PAIR]
-        self._sizes = [grid.shape[:2] for grid in grids]
+        sizes = [grid.shape[:2] for grid in grids]
         self._sampler = MeshSampler.build(reference, np.concatenate([grid.reshape(-1, 2) for grid in grids]))
         luma = reference.scatter(appearance.neutral_texture @ LUMA)
-        self._at_rest = [seen[_MARGIN:-_MARGIN] for seen in self._bands(luma, reference.points)]
+        bands = _split(self._sampler.sample(luma, reference.points), sizes)
+        self._right, self._left = (np.ascontiguousarray(seen[_MARGIN:-_MARGIN]) for seen in bands)
 
     def shifts(self, luma: U8, shape: F64, before: F64 | None) -> F64:
         """(2,) by how much right and left brow lie lower than the points of a shape (81, 2), face widths.
 
         before : as they were found in the frame before, of a face that is not a new one.
         """
-        bands = zip(self._bands(luma, shape), self._at_rest, strict=True)
-        found = np.array([_shift(seen, at_rest) for seen, at_rest in bands])
+        found, mesh = np.empty(2), self._sampler
+        brow_shifts(mesh.vertices, mesh.weights, shape, luma, self._right, self._left, TOLD, _COSTS, found)
         if before is None:
             return found
         step = found - before
@@ -164,12 +166,6 @@ class BrowFollower:
         made = shape.copy()
         made[BROW_PAIR] += shifts[:, None, None] * _down(self._reference, shape)
         return made
-
-    def _bands(self, luma: U8 | F32, shape: F64) -> tuple[F32, F32]:
-        """How both bands look (rows, columns) under a shape (81, 2)."""
-        seen = remap_points(luma, self._sampler.positions(shape))
-        (rows, columns), left = self._sizes
-        return seen[: rows * columns].reshape(rows, columns), seen[rows * columns :].reshape(left)
 
 
 def _band(reference: ReferenceFrame, brow: Int) -> F64:
@@ -182,17 +178,54 @@ def _band(reference: ReferenceFrame, brow: Int) -> F64:
     return np.asarray(reference.resolution * np.stack(np.meshgrid(xs, ys), -1))
 
 
-def _shift(seen: F32, at_rest: F32) -> float:
-    """By how much a brow lies lower than its points, face widths; 0 where it isn't recognised."""
-    alike = cv2.matchTemplate(seen, at_rest, cv2.TM_CCOEFF_NORMED)[:, 0]
-    likely = alike - _COSTS
-    k = int(likely.argmax())
-    peak = float(_SHIFTS[k])
-    if 0 < k < len(likely) - 1:
-        before, here, after = likely[k - 1 : k + 2]
-        peak += LIMITS.band_row * float((before - after) / (2 * min(before - 2 * here + after, -1e-6)))
-    first, last = LIMITS.unsure
-    return peak * float(np.minimum(np.maximum((alike[k] - first) / (last - first), 0), 1))
+@kernel
+def brow_shifts(
+    corners: Int,
+    weights: F32,
+    shape: F64,
+    luma: U8,
+    right: F32,
+    left: F32,
+    limits: F64,
+    costs: F64,
+    found: F64,
+) -> None:
+    """By how much brows lie lower than their points, face widths; 0 where one isn't recognised.
+
+    corners, weights : (3, n) of the pixels of both bands, see `MeshSampler`.   shape : (81, 2) pixels.
+    luma : (h, w).   right, left : (rows, columns) the bands at rest; what is seen has a row more for each shift.
+    limits : a row in face widths, and correlations from which and at which a shift is believed.
+    costs : (k,) of shifts, from the farthest up, in correlation.   found : (2,) the result.
+    """
+    (row, first, last), extra = limits, len(costs) - 1
+    seen = _split(
+        MeshSampler(corners, weights).sample(luma, shape),
+        [(len(b) + extra, b.shape[1]) for b in (right, left)],
+    )
+    for side, (band, at_rest) in enumerate(zip(seen, (right, left), strict=True)):
+        alike = _correlations(band.astype(np.float64), at_rest.astype(np.float64))
+        likely = alike - costs
+        k = int(likely.argmax())
+        peak = row * (k - extra // 2)
+        if 0 < k < extra:
+            before, here, after = likely[k - 1 : k + 2]
+            peak += row * float((before - after) / (2 * min(before - 2 * here + after, -1e-6)))
+        found[side] = peak * min(max(float(alike[k] - first) / (last - first), 0.0), 1.0)
+
+
+def _correlations(seen: F64, at_rest: F64) -> F64:
+    """(k,) normalised cross-correlations of a band (rows, columns) with parts of one that has k - 1 rows more."""
+    windows = np.lib.stride_tricks.sliding_window_view(seen, len(at_rest), 0).transpose(0, 2, 1)
+    apart, windows = at_rest - at_rest.mean(), windows - windows.mean((1, 2), keepdims=True)
+    both = (apart * windows).sum((1, 2))
+    spread = np.sqrt((windows * windows).sum((1, 2)) * (apart * apart).sum())
+    return np.asarray(np.where(spread > 1e-6, both / np.maximum(spread, 1e-6), 0))
+
+
+def _split(values: F32, sizes: list[tuple[int, int]]) -> list[F32]:
+    """Two bands (rows, columns) of the values (n,) of both."""
+    (rows, columns), left = sizes
+    return [values[: rows * columns].reshape(rows, columns), values[rows * columns :].reshape(left)]
 
 
 def _down(reference: ReferenceFrame, points: F64) -> F64:

@@ -194,6 +194,7 @@ def test_merge_planes(seed: int, height: int, width: int, shift_x: int, shift_y:
     assert_alike(both("merge_planes", arguments, (7,)), 0)
 
 
+@compiled
 @settings(max_examples=60, deadline=None)
 @given(seeds, st.booleans(), st.booleans(), st.floats(0.3, 3.0))
 def test_tint_iris(seed: int, is_light: bool, lightens: bool, blur: float) -> None:
@@ -272,6 +273,75 @@ def test_find_folds(seed: int, count: int, spread: float) -> None:
     for run in (TWINS["find_folds"], COMPILED.find_folds):
         returned.append(run(*arguments()))
     assert returned[0] == returned[1]
+
+
+@compiled
+@settings(max_examples=60, deadline=None)
+@given(seeds, st.integers(1, 2), st.sampled_from([0.0, 0.01, 3.0, 20.0]))
+def test_keep_brow(seed: int, factor: int, stretched: float) -> None:
+    rng = np.random.default_rng(seed)
+    h, w = (int(side) for side in rng.integers(2, 25, 2))
+    inside, weights, at_rest = on_mesh(rng, h * w, (h, w))
+    ends, end_weights, _ = on_mesh(rng, 2 * w, (h, w))
+    drawn = at_rest + rng.normal(0, stretched, at_rest.shape)
+    heights = rng.uniform(-0.5, 1.5, (h, w)).astype(np.float32)
+    columns = np.array(
+        [rng.uniform(0, 9, w), rng.uniform(5, 20, w), rng.uniform(0.2, 0.8, w), rng.uniform(0, 1, w)],
+        np.float32,
+    )
+    picture = rng.integers(0, 256, (factor * h + 11, factor * w + 5, 3), np.uint8)
+
+    def arguments() -> tuple[Any, ...]:
+        part = picture.copy()[:, 2:-3]
+        limits = np.array([1.0, 0.02, 0.6, 1.8, 0.8])
+        return (
+            inside, weights, ends, end_weights, drawn, at_rest, heights, columns, limits, 4, factor, part,
+        )  # fmt: skip
+
+    assert_alike(both("keep_brow", arguments, (11,)), MOST_LEVELS)
+
+
+@compiled
+@settings(max_examples=60, deadline=None)
+@given(seeds, st.floats(0.5, 2.0), st.sampled_from([3, 9]))
+def test_energies(seed: int, sigma: float, box: int) -> None:
+    rng = np.random.default_rng(seed)
+    h, w = (int(side) for side in rng.integers(12, 60, 2))
+    picture = rng.integers(0, 256, (h, w + 4, 3), np.uint8)[:, 1:-3]
+    places = rng.uniform(-3, np.array([w, h]) + 3, (50, 2)).astype(np.float32)
+
+    for name, more in (("gradient_at", ()), ("grain_at", (box,))):
+
+        def arguments(more: tuple[int, ...] = more) -> tuple[Any, ...]:
+            return picture, places, sigma, *more, np.zeros(len(places), np.float32)
+
+        assert_alike(both(name, arguments, (3 + len(more),)), 0.5)
+
+
+@compiled
+@settings(max_examples=60, deadline=None)
+@given(seeds, st.integers(-6, 6))
+def test_brow_shifts(seed: int, rows: int) -> None:
+    rng = np.random.default_rng(seed)
+    h, w, shifts = (int(n) for n in rng.integers((12, 12, 15), (25, 25, 18)))
+    luma = rng.integers(0, 256, (60, 50), np.uint8)
+    xs, ys = np.meshgrid(np.arange(w), np.arange(h + shifts - 1))
+    points = np.array([[0.0, 0.0], [40.0, 0.0], [0.0, 40.0]])
+    places = np.column_stack([xs.ravel(), ys.ravel()]) / 40
+    weights = np.vstack([1 - places.sum(1), places.T]).astype(np.float32)
+    corners = np.tile(np.arange(3)[:, None], (1, 2 * len(places)))
+    middle = shifts // 2 + rows
+    at_rest = luma[middle : middle + h, :w].astype(np.float32) + rng.normal(0, 20, (h, w)).astype(np.float32)
+
+    def arguments() -> tuple[Any, ...]:
+        return (
+            corners, np.ascontiguousarray(np.hstack([weights, weights])), points + 0.3, luma,
+            at_rest, at_rest[::-1].copy(),
+            np.array([0.006, 0.4, 0.6]), 0.001 * np.arange(-(shifts // 2), shifts - shifts // 2) ** 2.0,
+            np.zeros(2),
+        )  # fmt: skip
+
+    assert_alike(both("brow_shifts", arguments, (8,)), 1e-5)
 
 
 @compiled

@@ -129,7 +129,7 @@ class SurfaceMemory:
 
     gain : of fine contrast.   own_share : of the frame's own fine structure.   variance : of the grain, grey levels.
     began, sharpness_seen, grain_seen : when it was measured first and last, seconds.
-    edges, grain : (h, w) energies of the frame before the face is drawn, if it is compared.
+    edges, grain : (n,) energies of the frame's skin before the face is drawn, if it is compared.
     """
 
     gain: float = 1.0

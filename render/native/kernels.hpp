@@ -8,6 +8,7 @@ namespace guise {
 
 // Their names.
 #define GUISE_KERNELS(K) \
+    K(brow_shifts) \
     K(composite) \
     K(correct_points) \
     K(expressed) \
@@ -15,6 +16,9 @@ namespace guise {
     K(fit_cascade) \
     K(judge_points) \
     K(lay_band) \
+    K(gradient_at) \
+    K(grain_at) \
+    K(keep_brow) \
     K(lay_over) \
     K(lit) \
     K(merge_planes) \
@@ -35,6 +39,9 @@ namespace guise {
 
 // Each has a NumPy twin of the same name, which says what it does: look for `@kernel` in the Python code.
 struct Kernels {
+    void (*brow_shifts)(Array<const i64> corners, Array<const float> weights, Array<const double> shape,
+                        Array<const u8> luma, Array<const float> right, Array<const float> left,
+                        Array<const double> limits, Array<const double> costs, Array<double> found);
     void (*composite)(Array<const u8> texture, Array<const u8> alpha, Array<const double> snapped,
                       Array<const i32> triangles, Array<const double> grid, double opacity, Array<u8> target);
     void (*correct_points)(Array<const double> points, Array<const i64> parts, Array<const float> centre,
@@ -55,6 +62,12 @@ struct Kernels {
                            double height, Array<const i64> eyes, Array<const double> rules, Array<float> certain);
     void (*lay_band)(Array<const float> band, Array<const float> cells, Array<const float> share, double amount,
                      Array<u8> picture);
+    i64 (*gradient_at)(Array<const u8> picture, Array<const float> places, double sigma, Array<float> energies);
+    i64 (*grain_at)(Array<const u8> picture, Array<const float> places, double sigma, i64 box, Array<float> energies);
+    void (*keep_brow)(Array<const i64> corners, Array<const float> weights, Array<const i64> end_corners,
+                      Array<const float> end_weights, Array<const double> drawn, Array<const double> at_rest,
+                      Array<const float> heights, Array<const float> columns, Array<const double> limits, i64 top,
+                      i64 factor, Array<u8> picture);
     void (*lay_over)(Array<const float> own, Array<const float> share, double shown, Array<u8> picture);
     void (*lit)(Array<const float> texture, Array<const i64> pixels, i64 width, Array<const float> cells, double cell,
                 Array<const i64> in_parts, Array<const float> shares, Array<const float> parts,

@@ -77,13 +77,20 @@ inline i64 mirrored(i64 k, i64 size) {
     return k;
 }
 
+// A Gaussian's weights from -reach to reach: four standard deviations, as many as OpenCV takes.
+inline i64 gaussian_reach(double sigma) { return (i64(std::nearbyint(8 * sigma + 1)) | 1) / 2; }
+inline void gaussian_weights(double sigma, i64 reach, float *out) {
+    double *shares = memory<100, double>(2 * reach + 1), sum = 0;
+    for (i64 k = -reach; k <= reach; ++k) sum += shares[reach + k] = std::exp(-0.5 * double(k * k) / (sigma * sigma));
+    for (i64 k = 0; k <= 2 * reach; ++k) out[k] = float(shares[k] / sum);
+}
+
 // out = a plane (h, w) blurred by a Gaussian, mirrored at its border; out may be the plane itself.
 inline void gaussian(const float *plane, i64 h, i64 w, double sigma, float *out) {
-    const i64 reach = (i64(std::nearbyint(8 * sigma + 1)) | 1) / 2;  // four standard deviations
-    double *shares = memory<100, double>(reach + 1), sum = 0;
-    for (i64 k = 0; k <= reach; ++k) sum += (k ? 2 : 1) * (shares[k] = std::exp(-0.5 * double(k * k) / (sigma * sigma)));
-    float *weights = memory<101, float>(reach + 1), *down = memory<102, float>(h * w);
-    for (i64 k = 0; k <= reach; ++k) weights[k] = float(shares[k] / sum);
+    const i64 reach = gaussian_reach(sigma);
+    float *weights = memory<101, float>(2 * reach + 1), *down = memory<102, float>(h * w);
+    gaussian_weights(sigma, reach, weights);
+    weights += reach;
     float *line = memory<103, float>(w + 2 * reach) + reach;
     for (i64 y = 0; y < h; ++y) {
         float *to = down + y * w;

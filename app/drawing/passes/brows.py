@@ -37,8 +37,9 @@ from guise.aam.parsing import FaceClass, Parsing
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.app.drawing.face import BROW_REACH, BROW_THICKNESS, CELL, GROWTH, FaceInFrame, ramp
 from guise.app.drawing.memory import Memory
-from guise.common.arrays import F32, F64, U8
+from guise.common.arrays import F32, F64, U8, Int
 from guise.common.interpolation import interpolation
+from guise.common.kernels import kernel
 from guise.common.tuned import tuned
 
 
@@ -68,6 +69,7 @@ class BrowCoverLimits:
 
 
 LIMITS, COVER = BrowStripLimits(), BrowCoverLimits()
+TOLD = np.array([LIMITS.least, LIMITS.unchanged, *LIMITS.stretch, LIMITS.lowest])  # to `keep_brow`
 IN_FRONT = FaceClass.GLASSES, FaceClass.OCCLUDER
 KINDS = FaceClass.BROWS, FaceClass.SKIN
 READ = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
@@ -140,47 +142,64 @@ class _Strip:
         ys, xs = np.mgrid[top:bottom, left:right]
         x = xs[0].astype(np.float64)
         beyond = np.maximum(points[brow, 0].min() - x, x - points[brow, 0].max())
-        self._shown = np.asarray(1 - np.clip(beyond / fade, 0, 1), np.float32)
+        shown = 1 - np.clip(beyond / fade, 0, 1)
         line, lids = (interpolation(x, points[group, 0]) @ points[group, 1] for group in (brow, lid))
-        self._line, self._gap = (np.asarray(values, np.float32) for values in (line, lids - line))
-        self._end = np.minimum(BROW_THICKNESS * width / self._gap, LIMITS.lowest)
-        self._heights = np.asarray((ys - self._line) / self._gap, np.float32)
+        line, gap = (np.asarray(values, np.float32) for values in (line, lids - line))
+        end = np.minimum(BROW_THICKNESS * width / gap, LIMITS.lowest)
+        self._columns = np.array([line, gap, end, shown], np.float32)
+        self._heights = np.asarray((ys - line) / gap, np.float32)
         inside, ends = np.column_stack([xs.ravel(), ys.ravel()]), np.tile(x, 2)
         self._inside = MeshSampler.build(reference, inside.astype(np.float64))
-        self._ends = MeshSampler.build(reference, np.column_stack([ends, np.concatenate([line, lids])]))
-        self._columns = np.mgrid[self._place][1].astype(np.float32)
+        self._ends = MeshSampler.build(reference, np.column_stack([ends, np.concatenate([line, line + gap])]))
 
     def keep(self, picture: U8, drawn: F64, at_rest: F64) -> None:
-        columns = len(self._line)
-        at_ends = self._ends.positions(at_rest)[:, 1]
-        gap = np.maximum(at_ends[columns:] - at_ends[:columns], np.float32(LIMITS.least))
-        ends = self._ends.positions(drawn - at_rest)[:, 1]
-        on_line, on_lid = ends[:columns], ends[columns:]
-        stretch = (on_lid - on_line) / gap
-        if np.maximum.reduce(np.abs(stretch)) < LIMITS.unchanged:
-            return
-        moved = self._inside.positions(drawn - at_rest)[:, 1]
-        limited = np.minimum(np.maximum(stretch, LIMITS.stretch[0] - 1), LIMITS.stretch[1] - 1)
-        share = self._shown * limited / (stretch + (stretch == 0))
-        lower = (moved.reshape(self._heights.shape) - on_line) / gap * share  # than on the face at rest
-        read = self._read_at(self._heights + lower, 1 + self._shown * limited)
-        rows = (self._line + self._gap * read + np.float32(0.5)) * self._factor - np.float32(0.5)
-        if self._factor > 1:
-            rows = np.asarray(cv2.resize(rows, self._columns.shape[::-1]), np.float32)
-        picture[self._place] = cv2.remap(
-            picture, self._columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
-        )
+        """In a picture (h, w, 3) of a face (81, 2) that is another at rest."""
+        rows, columns = self._place
+        keep_brow(
+            self._inside.vertices, self._inside.weights, self._ends.vertices, self._ends.weights, drawn, at_rest,
+            self._heights, self._columns, TOLD, rows.start, self._factor, picture[:, columns],
+        )  # fmt: skip
 
-    def _read_at(self, heights: F32, lid: F32) -> F32:
-        """(h, w) heights at which the texture is read: 0 at the brow's points and 1 at the lid.
 
-        heights : (h, w) at which they are drawn, by the distance at rest.   lid : (w,) likewise, of the lid.
-        """
-        end = np.minimum(self._end, LIMITS.lowest * lid)
-        below = self._end + (heights - end) * ((1 - self._end) / (lid - end))
-        read = np.where(heights < end, heights * (self._end / end), below)
-        inside = (self._heights > 0) & (self._heights < 1)
-        return np.where(inside, read, self._heights)
+@kernel
+def keep_brow(
+    corners: Int, weights: F32, end_corners: Int, end_weights: F32, drawn: F64, at_rest: F64, heights: F32,
+    columns: F32, limits: F64, top: int, factor: int, picture: U8,
+) -> None:  # fmt: skip
+    """Read a brow of a picture as thick as it is at rest, in place.
+
+    corners, weights : (3, h w) of the grid's pixels about the brow, see `MeshSampler`.
+    end_corners, end_weights : (3, 2 w) of its columns' ends, on the brow's points, then at the lid.
+    drawn, at_rest : (81, 2) grid pixels.   heights : (h, w) of the pixels, 0 at the brow's points and 1 at the lid.
+    columns : (4, w) row of the points, distance to the lid, height at which the brow ends, share that is changed.
+    limits : least, unchanged, stretch and lowest of `BrowStripLimits`.
+    picture : (y, factor w, 3) its columns, of which the pixels begin at a row `top`, factor h of them.
+    """
+    line, gap, end, shown = columns
+    least, unchanged, *stretches, lowest = limits.astype(np.float32)
+    moved, ends = MeshSampler(corners, weights), MeshSampler(end_corners, end_weights)
+    above, below = ends.positions(at_rest)[:, 1].reshape(2, -1)
+    gap_at_rest = np.maximum(below - above, least)
+    above, below = ends.positions(drawn - at_rest)[:, 1].reshape(2, -1)
+    stretch = (below - above) / gap_at_rest
+    if np.maximum.reduce(np.abs(stretch)) < unchanged:
+        return
+    limited = np.minimum(np.maximum(stretch, stretches[0] - 1), stretches[1] - 1)
+    share = shown * limited / (stretch + (stretch == 0))
+    lower = moved.positions(drawn - at_rest)[:, 1].reshape(heights.shape) - above
+    drawn_at, lid = heights + lower / gap_at_rest * share, 1 + shown * limited
+    drawn_end = np.minimum(end, lowest * lid)
+    beyond = end + (drawn_at - drawn_end) * ((1 - end) / (lid - drawn_end))
+    read = np.where(drawn_at < drawn_end, drawn_at * (end / drawn_end), beyond)
+    read = np.where((heights > 0) & (heights < 1), read, heights)
+    rows = np.asarray((line + gap * read + np.float32(0.5)) * factor - np.float32(0.5), np.float32)
+    size = factor * heights.shape[1], factor * heights.shape[0]
+    if factor > 1:
+        rows = np.asarray(cv2.resize(rows, size), np.float32)
+    along = np.tile(np.arange(size[0], dtype=np.float32), (size[1], 1))
+    picture[top : top + size[1]] = cv2.remap(
+        np.ascontiguousarray(picture), along, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+    )
 
 
 def cover_brows(roi: U8, head: F64, parsing: Parsing, width: float) -> None:

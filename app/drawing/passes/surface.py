@@ -166,7 +166,7 @@ class Finish:
 
     def look(self, face: FaceInFrame, memory: Memory) -> None:
         """Measure the frame before the face is drawn, if that is due."""
-        kept, now, roi = memory.surface, memory.clock.now, face.canvas.roi
+        kept, now = memory.surface, memory.clock.now
         kept.edges = kept.grain = None
         if not face.seen:
             return
@@ -176,31 +176,40 @@ class Finish:
         edges_due = is_early or memory.clock.is_due(kept.sharpness_seen + LIMITS.every_seconds)
         grain_due = memory.clock.is_due(kept.grain_seen + LIMITS.every_seconds)
         if edges_due:
-            kept.edges = self._energy(face)
+            kept.edges = self._edges(face)
         if grain_due:
-            kept.grain = grain_energy(roi)
+            kept.grain = self._grain(face)
 
     def compare(self, face: FaceInFrame, memory: Memory) -> None:
         """Compare what was measured with the same after drawing."""
-        kept, now, canvas = memory.surface, memory.clock.now, face.canvas
-        mesh = face.mesh - canvas.corner
+        kept, now = memory.surface, memory.clock.now
         if kept.grain is not None:
             kept.grain_seen = now
-            pair = _beside(kept.grain, grain_energy(canvas.roi), self._at_grain, mesh, LIMITS.min_inside)
-            if pair is not None:
+            if kept.grain.size:
+                pair = kept.grain, self._grain(face)
                 there, own = (quantile(energies, GRAIN.smooth_quantile) for energies in pair)
                 missing = (there - own) / GRAIN.shown_share
                 kept.variance = max(kept.variance + LIMITS.rate * missing, 0.0)
         if kept.edges is not None:
             kept.sharpness_seen = now
-            pair = _beside(kept.edges, self._energy(face), self._at_edges, mesh, LIMITS.min_inside)
-            if pair is not None:
-                there, own = (self._typical(energies) for energies in pair)
+            if kept.edges.size:
+                there, own = (self._typical(energies) for energies in (kept.edges, self._edges(face)))
                 _adjust(kept, float(np.log2(there / own)), now, self._gains)
 
-    def _energy(self, face: FaceInFrame) -> F32:
-        """(h, w) by which faces are compared."""
-        return gradient_energy(face.canvas.roi)
+    def _grain(self, face: FaceInFrame) -> F32:
+        """(n,) grain at the places on skin that lie in the frame, none if they are too few."""
+        places = self._at_grain.positions(face.mesh - face.canvas.corner)
+        energies, box = np.empty(len(places), np.float32), GRAIN.patch_pixels
+        return _enough(energies, grain_at(face.canvas.roi, places, LIMITS.smoothing_pixels, box, energies))
+
+    def _edges(self, face: FaceInFrame) -> F32:
+        """(n,) energies by which faces are compared, likewise."""
+        places = self._at_edges.positions(face.mesh - face.canvas.corner)
+        energies = np.empty(len(places), np.float32)
+        return _enough(energies, self._measured(face, places, energies))
+
+    def _measured(self, face: FaceInFrame, places: F32, energies: F32) -> int:
+        return gradient_at(face.canvas.roi, places, LIMITS.smoothing_pixels, energies)
 
     def _typical(self, energies: F32) -> float:
         """Of energies (n,): the mean, to which single edges add little."""
@@ -227,11 +236,11 @@ class PoreFinish(Finish):
             canvas.picture = np.asarray(cv2.blendLinear(canvas.picture, smooth, 1 - share, share), np.uint8)
         canvas.contrast *= gain
 
-    def _energy(self, face: FaceInFrame) -> F32:
+    def _measured(self, face: FaceInFrame, places: F32, energies: F32) -> int:
         luma = cv2.extractChannel(face.canvas.roi, 0).astype(np.float32)
         box, side = _box(self._width * face.zoom), (GRAIN.patch_pixels, GRAIN.patch_pixels)
         band = cv2.GaussianBlur(luma, (0, 0), LIMITS.smoothing_pixels) - cv2.blur(cv2.blur(luma, box), box)
-        return np.asarray(cv2.blur(band * band, side), np.float32)
+        return _read(np.asarray(cv2.blur(band * band, side), np.float32), places, energies)
 
     def _typical(self, energies: F32) -> float:
         return quantile(energies, PORES.quantile) + PORES.least_energy
@@ -261,14 +270,36 @@ def _within(value: float, least: float, most: float) -> float:
     return min(max(value, least), most)
 
 
-def _beside(seen: F32, drawn: F32, sampler: MeshSampler, mesh: F64, least: float) -> tuple[F32, F32] | None:
-    """What two rectangles (h, w) hold at places on a mesh (81, 2) in their pixels; None if few of them lie inside."""
-    x, y = np.rint(sampler.positions(mesh)).astype(int).T
-    h, w = seen.shape
+def _enough(energies: F32, inside: int) -> F32:
+    """Those (n,) at the places that lie inside, none if these are few of them all."""
+    return energies[: inside if inside >= LIMITS.min_inside * len(energies) else 0]
+
+
+def _read(plane: F32, places: F32, energies: F32) -> int:
+    """Put what a plane (h, w) holds at those of the places (n, 2) that lie in it into energies (n,): how many."""
+    (h, w), (x, y) = plane.shape, np.rint(places).astype(int).T
     inside = (x >= 0) & (x < w) & (y >= 0) & (y < h)
-    if mean(inside) < least:
-        return None
-    return seen[y[inside], x[inside]], drawn[y[inside], x[inside]]
+    found = plane[y[inside], x[inside]]
+    energies[: len(found)] = found
+    return len(found)
+
+
+@kernel
+def gradient_at(picture: U8, places: F32, sigma: float, energies: F32) -> int:
+    """`gradient_energy` of a picture (h, w, 3) at the places (n, 2) within it, into energies (n,): how many.
+
+    sigma : standard deviation within which all is noise, pixels.
+    """
+    return _read(gradient_energy(picture, sigma), places, energies)
+
+
+@kernel
+def grain_at(picture: U8, places: F32, sigma: float, box: int, energies: F32) -> int:
+    """`grain_energy` of a picture (h, w, 3) at the places (n, 2) within it, into energies (n,): how many.
+
+    sigma : standard deviation, below which a band is the finest, pixels.   box : side of the squares, pixels.
+    """
+    return _read(grain_energy(picture, sigma, box), places, energies)
 
 
 class OwnSkin:
@@ -328,16 +359,15 @@ def lay_band(band: F32, cells: F32, share: F32, amount: float, picture: U8) -> N
     cv2.insertChannel(texture, picture, 0)
 
 
-def gradient_energy(picture: U8) -> F32:
+def gradient_energy(picture: U8, sigma: float = LIMITS.smoothing_pixels) -> F32:
     """(h, w) squared gradient of a picture (h, w, 3), brightness first, grey levels per pixel squared."""
-    luma = cv2.GaussianBlur(cv2.extractChannel(picture, 0), (0, 0), LIMITS.smoothing_pixels)
-    along, down = cv2.spatialGradient(luma)
-    return np.asarray((along.astype(np.float32) ** 2 + down.astype(np.float32) ** 2) / 64, np.float32)
+    luma = np.rint(cv2.GaussianBlur(cv2.extractChannel(picture, 0).astype(np.float32), (0, 0), sigma))
+    along, down = (cv2.Sobel(luma, cv2.CV_32F, *axes) for axes in ((1, 0), (0, 1)))
+    return np.asarray((along * along + down * down) / 64, np.float32)
 
 
-def grain_energy(picture: U8) -> F32:
+def grain_energy(picture: U8, sigma: float = LIMITS.smoothing_pixels, box: int = GRAIN.patch_pixels) -> F32:
     """(h, w) mean square of the finest band around each pixel of a picture (h, w, 3), brightness first."""
     luma = cv2.extractChannel(picture, 0).astype(np.float32)
-    luma -= cv2.GaussianBlur(luma, (0, 0), LIMITS.smoothing_pixels)
-    side = (GRAIN.patch_pixels, GRAIN.patch_pixels)
-    return np.asarray(cv2.boxFilter(luma * luma, -1, side), np.float32)
+    luma -= cv2.GaussianBlur(luma, (0, 0), sigma)
+    return np.asarray(cv2.boxFilter(luma * luma, -1, (box, box)), np.float32)

@@ -1,0 +1,152 @@
+// Included by each instruction set in a namespace of its own: strips about brows.
+
+// The value of a row of a picture (h, w, 3) between rows, by cubic convolution, into a pixel (3,).
+inline void between_rows(const u8 *const *rows, i64 at, float share, u8 *out) {
+    const float s = share, t = 1 - share;
+    const float a = ((-0.75f * s + 1.5f) * s - 0.75f) * s, b = (1.25f * s - 2.25f) * s * s + 1;
+    const float c = (1.25f * t - 2.25f) * t * t + 1, d = ((-0.75f * t + 1.5f) * t - 0.75f) * t;
+    for (int k = 0; k < 3; ++k) {
+        const float upper = a * float(rows[0][at + k]) + b * float(rows[1][at + k]);
+        out[k] = byte_of(upper + (c * float(rows[2][at + k]) + d * float(rows[3][at + k])));
+    }
+}
+
+void keep_brow(Array<const i64> corners, Array<const float> weights, Array<const i64> end_corners,
+               Array<const float> end_weights, Array<const double> drawn, Array<const double> at_rest,
+               Array<const float> heights, Array<const float> columns, Array<const double> limits, i64 top, i64 factor,
+               Array<u8> picture) {
+    const i64 h = heights.shape[0], w = heights.shape[1], points = drawn.shape[0], high = picture.shape[0];
+    require(drawn.axes == 2 && drawn.shape[1] == 2 && drawn.stride == 2, "drawn must be (p, 2)");
+    require(at_rest.axes == 2 && at_rest.shape[0] == points && at_rest.shape[1] == 2 && at_rest.stride == 2,
+            "at_rest must be as drawn");
+    require(heights.axes == 2 && heights.stride == w && h > 0 && w > 0, "heights must be (h, w)");
+    require(columns.axes == 2 && columns.shape[0] == 4 && columns.shape[1] == w && columns.stride == w, "columns must be (4, w)");
+    require(limits.axes == 1 && limits.shape[0] == 5 && limits.stride == 1, "there must be 5 limits");
+    require(picture.axes == 3 && picture.shape[2] == 3 && factor > 0 && picture.shape[1] == factor * w && high > 0 && top >= 0 &&
+                top + factor * h <= high && high < (1 << 24),
+            "the strip must lie in the picture (y, factor w, 3)");
+    const Mesh inside(corners, weights, points), ends(end_corners, end_weights, points);
+    require(inside.places == h * w && ends.places == 2 * w, "there must be as many places as pixels, and ends as columns");
+    const float least = float(limits.data[0]), unchanged = float(limits.data[1]), lowest = float(limits.data[4]);
+    const float low = float(limits.data[2] - 1), high_stretch = float(limits.data[3] - 1);
+
+    // How far each column is stretched, and by how much less it is to be.
+    const float *rest = floats<120>(at_rest.data, 2 * points);
+    double *moves = memory<121, double>(2 * points);
+    for (i64 k = 0; k < 2 * points; ++k) moves[k] = drawn.data[k] - at_rest.data[k];
+    const float *moved = floats<122>(moves, 2 * points);
+    float *end_rest = memory<123, float>(4 * w), *end_moved = memory<124, float>(4 * w);
+    ends.lay(rest, end_rest);
+    ends.lay(moved, end_moved);
+    const float *line = columns.data, *whole = line + w, *hair = whole + w, *shown = hair + w;
+    float *gap = memory<125, float>(6 * w), *share = gap + w, *lid = share + w, *end = lid + w, *above = end + w, *below = above + w;
+    float most = 0;
+    for (i64 x = 0; x < w; ++x) {
+        gap[x] = std::max(end_rest[2 * (w + x) + 1] - end_rest[2 * x + 1], least);
+        const float stretch = (end_moved[2 * (w + x) + 1] - end_moved[2 * x + 1]) / gap[x];
+        most = std::max(most, std::fabs(stretch));
+        const float limited = std::min(std::max(stretch, low), high_stretch);
+        share[x] = shown[x] * limited / (stretch + (stretch == 0 ? 1 : 0));
+        lid[x] = 1 + shown[x] * limited;
+        end[x] = std::min(hair[x], lowest * lid[x]);
+        above[x] = hair[x] / end[x];
+        below[x] = (1 - hair[x]) / (lid[x] - end[x]);
+    }
+    if (most < unchanged) return;
+
+    // The rows of the picture that are read.
+    float *places = memory<126, float>(2 * h * w), *rows = memory<127, float>(h * w);
+    inside.lay(moved, places);
+    for (i64 y = 0; y < h; ++y) {
+        const float *at = heights.row(y), *place = places + 2 * y * w;
+        float *row = rows + y * w;
+        for (i64 x = 0; x < w; ++x) {
+            const float height = at[x] + (place[2 * x + 1] - end_moved[2 * x + 1]) / gap[x] * share[x];
+            const float changed = height < end[x] ? height * above[x] : hair[x] + (height - end[x]) * below[x];
+            const float read = at[x] > 0 && at[x] < 1 ? changed : at[x];
+            row[x] = (line[x] + whole[x] * read + 0.5f) * float(factor) - 0.5f;
+        }
+    }
+    const i64 width = factor * w;
+    u8 *kept = memory<128, u8>(3 * width * high);
+    for (i64 y = 0; y < high; ++y) std::memcpy(kept + 3 * width * y, picture.row(y), std::size_t(3 * width));
+    const auto held = [](i64 k, i64 size) { return k < 0 ? 0 : k >= size ? size - 1 : k; };
+    const Plane<float> read{rows, w, h, w};
+    const float step = 1 / float(factor);
+    for (i64 y = 0; y < factor * h; ++y) {
+        u8 *out = picture.row(top + y);
+        for (i64 x = 0; x < width; ++x) {
+            const float row = factor == 1 ? rows[y * w + x]
+                                          : read.at((float(x) + 0.5f) * step - 0.5f, (float(y) + 0.5f) * step - 0.5f);
+            if (std::fabs(row - float(top + y)) < 1e-4f) continue;
+            const float bounded = row > -3 ? (row < float(high + 2) ? row : float(high + 2)) : -3;
+            const float first = std::floor(bounded);
+            const u8 *lines[4];
+            for (i64 k = 0; k < 4; ++k) lines[k] = kept + 3 * width * held(i64(first) - 1 + k, high);
+            between_rows(lines, 3 * x, bounded - first, out + 3 * x);
+        }
+    }
+}
+
+// How alike bands of rows are, at every shift: correlations (k,) of one at rest (h, w) with parts of one that is seen,
+// (h + k - 1, w) whole numbers from 0 to 255.
+inline void correlate(Array<const float> at_rest, const float *seen, i64 shifts, double *alike) {
+    const i64 h = at_rest.shape[0], w = at_rest.shape[1], rows = h + shifts - 1, n = h * w;
+    float *apart = memory<130, float>(n);
+    const float middle = sum(at_rest.data, n) / float(n);
+    for (i64 k = 0; k < n; ++k) apart[k] = at_rest.data[k] - middle;
+    const double rest = double(dot(apart, apart, n));
+    double *sums = memory<131, double>(2 * rows), *squares = sums + rows;
+    for (i64 y = 0; y < rows; ++y) {
+        sums[y] = double(sum(seen + y * w, w));
+        squares[y] = double(dot(seen + y * w, seen + y * w, w));
+    }
+    for (i64 k = 0; k < shifts; ++k) {
+        double total = 0, square = 0, both = 0;
+        for (i64 y = 0; y < h; ++y) {
+            total += sums[k + y], square += squares[k + y];
+            both += double(dot(apart + y * w, seen + (k + y) * w, w));
+        }
+        const double spread = std::sqrt(std::max(square - total * total / double(n), 0.0) * rest);
+        alike[k] = spread > 1e-6 ? both / spread : 0;
+    }
+}
+
+void brow_shifts(Array<const i64> corners, Array<const float> weights, Array<const double> shape, Array<const u8> luma,
+                 Array<const float> right, Array<const float> left, Array<const double> limits, Array<const double> costs,
+                 Array<double> found) {
+    require(shape.axes == 2 && shape.shape[1] == 2 && shape.stride == 2, "shape must be (p, 2)");
+    require(luma.axes == 2 && luma.size() > 0 && luma.shape[0] < (1 << 24) && luma.shape[1] < (1 << 24), "luma must be (h, w)");
+    require(costs.axes == 1 && costs.stride == 1 && limits.axes == 1 && limits.shape[0] == 3 && limits.stride == 1 &&
+                found.axes == 1 && found.shape[0] == 2 && found.stride == 1,
+            "costs must be (k,), limits (3,), and found (2,)");
+    const Mesh mesh(corners, weights, shape.shape[0]);
+    const i64 shifts = costs.shape[0];
+    float *places = memory<132, float>(2 * mesh.places), *seen = memory<133, float>(mesh.places);
+    mesh.lay(floats<134>(shape.data, shape.size()), places);
+    const Plane<u8> plane{luma.data, luma.shape[1], luma.shape[0], luma.stride};
+    for (i64 k = 0; k < mesh.places; ++k) seen[k] = float(nearest(plane.at(places[2 * k], places[2 * k + 1])));
+    double *alike = memory<135, double>(shifts);
+    const double row = limits.data[0], first = limits.data[1], last = limits.data[2];
+    i64 begun = 0;
+    const Array<const float> bands[] = {right, left};
+    for (int side = 0; side < 2; ++side) {
+        const Array<const float> &band = bands[side];
+        require(band.axes == 2 && band.size() > 0 && (band.stride == band.shape[1] || band.shape[0] == 1), "a band must be (h, w)");
+        const i64 size = (band.shape[0] + shifts - 1) * band.shape[1];
+        require(shifts > 0 && begun + size <= mesh.places, "there must be as many places as pixels of the bands");
+        correlate(band, seen + begun, shifts, alike);
+        begun += size;
+        i64 best = 0;
+        for (i64 k = 1; k < shifts; ++k) {
+            if (alike[k] - costs.data[k] > alike[best] - costs.data[best]) best = k;
+        }
+        double peak = row * double(best - (shifts - 1) / 2);
+        if (best > 0 && best < shifts - 1) {
+            const double before = alike[best - 1] - costs.data[best - 1], here = alike[best] - costs.data[best];
+            const double after = alike[best + 1] - costs.data[best + 1];
+            peak += row * ((before - after) / (2 * std::min(before - 2 * here + after, -1e-6)));
+        }
+        found.data[side] = peak * std::min(std::max((alike[best] - first) / (last - first), 0.0), 1.0);
+    }
+}
