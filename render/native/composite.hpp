@@ -54,10 +54,18 @@ struct Picture {
     bool holds(float u, float v) const {
         return u > 0 && v > 0 && u < float(width - 1) - 0.01f && v < float(height - 1) - 0.01f;
     }
-    std::uint32_t inner(float u, float v) const {
-        const int x = int(u), y = int(v);
-        const u8 *at = texels + 4 * (y * int(width) + x);
-        return bilinear(at, at + 4, at + 4 * width, at + 4 * width + 4, u - float(x), v - float(y));
+    // Four at once, of a run of pixels in a triangle whose ends the picture holds.
+    void inner(F4 u, F4 v, std::uint32_t *words) const {
+        const F4 x = u.whole(), y = v.whole();
+        float fx[4], fy[4];
+        i32 texel[4];
+        (u - x).store(fx);
+        (v - y).store(fy);
+        (y * F4(float(width)) + x).store_whole(texel);
+        for (int k = 0; k < 4; ++k) {
+            const u8 *at = texels + 4 * i64(texel[k]);
+            words[k] = bilinear(at, at + 4, at + 4 * width, at + 4 * width + 4, fx[k], fy[k]);
+        }
     }
     std::uint32_t outer(float u, float v) const {
         const float fu = std::floor(u), fv = std::floor(v);
@@ -70,22 +78,19 @@ struct Picture {
     static i64 clamp(i64 place, i64 size) { return place < 0 ? 0 : place >= size ? size - 1 : place; }
 };
 
-// The tables of shaders/blend.frag.glsl: how far a pixel is drawn by its alpha, and its share by the sum around it.
-struct Tables {
-    u8 drawn[256], shares[256];
-    Tables() {
-        for (int k = 0; k < 256; ++k) {
-            drawn[k] = u8(std::nearbyint(std::min(k * (96.0 / 255), 1.0) * 28));
-            shares[k] = u8(std::nearbyint(255 * std::min(std::max(k * (2.0 / (9 * 28)) - 1, 0.0), 1.0)));
-        }
-    }
-};
+// How far a pixel is drawn by its alpha, and its share by the sum of that around it, as in shaders/blend.frag.glsl, in
+// whole numbers: round(28 min(96 alpha / 255, 1)), and round(255 clip(sum / 126 - 1, 0, 1)).
+inline u8 drawn_of(u16 alpha) { return u8(std::min(u16((21 * alpha + 1) >> 1), u16(28))); }
+inline u16 share_of(u16 sum) {
+    const u16 more = u16(std::max(sum, u16(126)) - 126);
+    return u16(2 * more + (more > 21) + (more > 62) + (more > 105));
+}
 
 // A row of the warped picture: colour (w, 3), alpha, and how far each pixel is drawn; zeros where no triangle is.
 struct Row {
     u8 *colour, *alpha, *drawn;
 };
-inline void warp(const Picture &picture, const Map *maps, const u16 *id, i64 y, i64 w, Row row, const u8 *table) {
+inline void warp(const Picture &picture, const Map *maps, const u16 *id, i64 y, i64 w, Row row) {
     const float at = float(y);
     for (i64 x = 0; x < w;) {
         const u16 now = id[x];
@@ -106,12 +111,18 @@ inline void warp(const Picture &picture, const Map *maps, const u16 *id, i64 y, 
             row.alpha[x] = u8(word >> 24);
         };
         if (picture.holds(u(x), v(x)) && picture.holds(u(end - 1), v(end - 1))) {
-            for (; x < end; ++x) put(picture.inner(u(x), v(x)));
+            const F4 a(map.a), d(map.d), b(by), e(ey), c(map.c), f(map.f), last(float(int(end - 1)));
+            for (F4 places = F4(0, 1, 2, 3) + F4(float(int(x))); x < end; places = places + F4(4)) {
+                const F4 k = least(places, last);  // what is beyond the run is read at its end, and left out
+                std::uint32_t words[4];
+                picture.inner(a * k + b + c, d * k + e + f, words);
+                for (int n = 0; n < 4 && x < end; ++n, ++x) put(words[n]);
+            }
         } else {
             for (; x < end; ++x) put(picture.outer(u(x), v(x)));
         }
     }
-    for (i64 x = 0; x < w; ++x) row.drawn[x] = table[row.alpha[x]];
+    for (i64 x = 0; x < w; ++x) row.drawn[x] = drawn_of(row.alpha[x]);
 }
 
 // out := (colour * share + out * (255 - share)) / 255, rounded to nearest.
@@ -120,6 +131,44 @@ inline void blend(const u8 *colour, const u8 *share, i64 count, u8 *out) {
         const u16 sum = u16(u16(colour[k] * share[k]) + u16(out[k] * u8(255 - share[k])) + 128);
         out[k] = u8(u16(sum + (sum >> 8)) >> 8);
     }
+}
+
+// Texels (n, 4) of colours (n, 3) and alpha (n,).
+inline void join(const u8 *colour, const u8 *alpha, i64 count, u8 *texels) {
+    i64 k = 0;
+#if defined(GUISE_SSE)
+    const __m128i apart = _mm_setr_epi8(0, 1, 2, -1, 3, 4, 5, -1, 6, 7, 8, -1, 9, 10, 11, -1);
+    const __m128i last = _mm_setr_epi8(-1, -1, -1, 0, -1, -1, -1, 1, -1, -1, -1, 2, -1, -1, -1, 3);
+    for (; k + 6 <= count; k += 4) {  // 16 bytes are read, of which 12 are four colours
+        int four;
+        std::memcpy(&four, alpha + k, 4);
+        const __m128i rgb = _mm_shuffle_epi8(_mm_loadu_si128(reinterpret_cast<const __m128i *>(colour + 3 * k)), apart);
+        const __m128i a = _mm_shuffle_epi8(_mm_cvtsi32_si128(four), last);
+        _mm_storeu_si128(reinterpret_cast<__m128i *>(texels + 4 * k), _mm_or_si128(rgb, a));
+    }
+#endif
+    for (; k < count; ++k) {
+        for (int c = 0; c < 3; ++c) texels[4 * k + c] = colour[3 * k + c];
+        texels[4 * k + 3] = alpha[k];
+    }
+}
+
+// Each of (n,) three times.
+inline void triple(const u8 *values, i64 count, u8 *out) {
+    i64 k = 0;
+#if defined(GUISE_SSE)
+    const __m128i first = _mm_setr_epi8(0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4, 5);
+    const __m128i second = _mm_setr_epi8(5, 5, 6, 6, 6, 7, 7, 7, 8, 8, 8, 9, 9, 9, 10, 10);
+    const __m128i third = _mm_setr_epi8(10, 11, 11, 11, 12, 12, 12, 13, 13, 13, 14, 14, 14, 15, 15, 15);
+    for (; k + 16 <= count; k += 16) {
+        const __m128i all = _mm_loadu_si128(reinterpret_cast<const __m128i *>(values + k));
+        __m128i *to = reinterpret_cast<__m128i *>(out + 3 * k);
+        _mm_storeu_si128(to, _mm_shuffle_epi8(all, first));
+        _mm_storeu_si128(to + 1, _mm_shuffle_epi8(all, second));
+        _mm_storeu_si128(to + 2, _mm_shuffle_epi8(all, third));
+    }
+#endif
+    for (; k < count; ++k) out[3 * k] = out[3 * k + 1] = out[3 * k + 2] = values[k];
 }
 
 void composite(Array<const u8> texture, Array<const u8> alpha, Array<const double> snapped,
@@ -131,7 +180,6 @@ void composite(Array<const u8> texture, Array<const u8> alpha, Array<const doubl
     require(triangles.shape[1] == 3 && triangles.stride == 3 && count < 65535, "triangles must be (t, 3)");
     require(grid.shape[0] == 7 && grid.shape[1] == count && grid.stride == count, "grid must be (7, t)");
     require(target.shape[2] == 3, "target must be (h, w, 3)");
-    static const Tables tables;
 
     double low_x = INFINITY, low_y = INFINITY, high_x = -INFINITY, high_y = -INFINITY;
     for (i64 k = 0; k < points; ++k) {
@@ -144,8 +192,8 @@ void composite(Array<const u8> texture, Array<const u8> alpha, Array<const doubl
     const i64 h = within(std::floor(high_y / SUBPIXELS) + 1, target.shape[0]) - y0;
     if (w <= 0 || h <= 0) return;
 
-    u16 *ids = memory<0, u16>(w * h), *sums = memory<1, u16>(w);
-    u8 *texels = memory<2, u8>(4 * tw * th), *share = memory<3, u8>(3 * w);
+    u16 *ids = memory<0, u16>(w * h), *sums = memory<1, u16>(w + 2);
+    u8 *texels = memory<2, u8>(4 * tw * th), *share = memory<3, u8>(4 * w), *shares = share + w;
     Row rows[3];
     for (Row &row : rows) {
         row.colour = memory<4, u8>(3 * (5 * w + 1)) + (&row - rows) * (5 * w + 1);
@@ -154,11 +202,7 @@ void composite(Array<const u8> texture, Array<const u8> alpha, Array<const doubl
     }
     Map *maps = memory<5, Map>(count + 1);
     std::fill(ids, ids + w * h, u16(0));
-    for (i64 k = 0; k < tw * th; ++k) {
-        u8 *texel = texels + 4 * k;
-        for (int c = 0; c < 3; ++c) texel[c] = texture.data[3 * k + c];
-        texel[3] = alpha.data[k];
-    }
+    join(texture.data, alpha.data, tw * th, texels);
     // Triangles that are turned over from the grid lie behind the others.
     for (int front = 0; front < 2; ++front) {
         for (i64 t = 0; t < count; ++t) {
@@ -194,17 +238,21 @@ void composite(Array<const u8> texture, Array<const u8> alpha, Array<const doubl
     u8 levels[256];
     for (int k = 0; k < 256; ++k) levels[k] = u8(std::nearbyint(k * opacity));
     for (i64 y = 0; y <= h; ++y) {
-        if (y < h) warp(picture, maps, ids + y * w, y, w, rows[y % 3], tables.drawn);
+        if (y < h) warp(picture, maps, ids + y * w, y, w, rows[y % 3]);
         if (y == 0) continue;
         const i64 row = y - 1;
         const Row &line = rows[row % 3];
         const u8 *above = rows[(row > 0 ? row - 1 : row) % 3].drawn, *at = line.drawn, *below = rows[(y < h ? y : row) % 3].drawn;
-        for (i64 x = 0; x < w; ++x) sums[x] = u16(above[x] + at[x] + below[x]);
+        for (i64 x = 0; x < w; ++x) sums[x + 1] = u16(above[x] + at[x] + below[x]);
+        sums[0] = sums[1], sums[w + 1] = sums[w];
         for (i64 x = 0; x < w; ++x) {
-            const unsigned sum = sums[x > 0 ? x - 1 : x] + sums[x] + sums[x + 1 < w ? x + 1 : x];
-            const u8 a = levels[over_255(unsigned(line.alpha[x]) * tables.shares[sum])];
-            share[3 * x] = share[3 * x + 1] = share[3 * x + 2] = a;
+            const u16 sum = u16(line.alpha[x] * share_of(u16(sums[x] + sums[x + 1] + sums[x + 2])) + 128);
+            share[x] = u8(u16(sum + (sum >> 8)) >> 8);
         }
-        blend(line.colour, share, 3 * w, target.row(y0 + row) + 3 * x0);
+        if (opacity < 1) {
+            for (i64 x = 0; x < w; ++x) share[x] = levels[share[x]];
+        }
+        triple(share, w, shares);
+        blend(line.colour, shares, 3 * w, target.row(y0 + row) + 3 * x0);
     }
 }

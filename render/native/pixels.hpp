@@ -38,6 +38,8 @@ struct F4 {
 #endif
     }
     void store(float *at) const { _mm_storeu_ps(at, v); }
+    F4 whole() const { return F4(_mm_cvtepi32_ps(_mm_cvttps_epi32(v))); }  // towards zero
+    void store_whole(i32 *at) const { _mm_storeu_si128(reinterpret_cast<__m128i *>(at), _mm_cvttps_epi32(v)); }
     template <int K> F4 all() const { return F4(_mm_shuffle_ps(v, v, K * 0x55)); }
     // Rounded to the nearest and clipped.
     std::uint32_t bytes() const {
@@ -49,6 +51,7 @@ struct F4 {
 inline F4 operator+(F4 a, F4 b) { return _mm_add_ps(a.v, b.v); }
 inline F4 operator-(F4 a, F4 b) { return _mm_sub_ps(a.v, b.v); }
 inline F4 operator*(F4 a, F4 b) { return _mm_mul_ps(a.v, b.v); }
+inline F4 least(F4 a, F4 b) { return _mm_min_ps(a.v, b.v); }
 #else
 struct F4 {
     float v[4];
@@ -58,6 +61,10 @@ struct F4 {
     static F4 load(const float *at) { return F4(at[0], at[1], at[2], at[3]); }
     static F4 of_bytes(const u8 *at) { return F4(at[0], at[1], at[2], at[3]); }
     void store(float *at) const { std::memcpy(at, v, sizeof v); }
+    F4 whole() const { return F4(float(i32(v[0])), float(i32(v[1])), float(i32(v[2])), float(i32(v[3]))); }
+    void store_whole(i32 *at) const {
+        for (int k = 0; k < 4; ++k) at[k] = i32(v[k]);
+    }
     template <int K> F4 all() const { return F4(v[K]); }
     std::uint32_t bytes() const {
         std::uint32_t made = 0;
@@ -68,6 +75,9 @@ struct F4 {
 inline F4 operator+(F4 a, F4 b) { return F4(a.v[0] + b.v[0], a.v[1] + b.v[1], a.v[2] + b.v[2], a.v[3] + b.v[3]); }
 inline F4 operator-(F4 a, F4 b) { return F4(a.v[0] - b.v[0], a.v[1] - b.v[1], a.v[2] - b.v[2], a.v[3] - b.v[3]); }
 inline F4 operator*(F4 a, F4 b) { return F4(a.v[0] * b.v[0], a.v[1] * b.v[1], a.v[2] * b.v[2], a.v[3] * b.v[3]); }
+inline F4 least(F4 a, F4 b) {
+    return F4(std::min(a.v[0], b.v[0]), std::min(a.v[1], b.v[1]), std::min(a.v[2], b.v[2]), std::min(a.v[3], b.v[3]));
+}
 #endif
 
 // An index within an axis, as though it were mirrored about its first and its last entry.
