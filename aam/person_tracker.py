@@ -100,6 +100,7 @@ class PersonTracker:
         self._filter = ShapeFilter()
         self._by_landmarks = False  # whether the landmarker's points were the last fit
         self._carried_frames = 0
+        self._confidence = 1.0  # of the landmarker's last face
         self._recognised = False  # in any frame
         self._difference: F64 | None = None
         self._definition = _Definition(self.landmarker, rest, tracker.reference)
@@ -141,7 +142,8 @@ class PersonTracker:
             return Failed("the face has left the picture")
         last = self._last - (x, y)
         last = last - self._definition.on(last)
-        face = self.landmarker.refine(rgb, Face.around(last, 1.0))
+        face = self.landmarker.refine(rgb, Face.around(last, self._confidence))
+        self._confidence = face.confidence if face else 0.0
         if face is None or not _is_sure(face):
             return Failed("no face where it was")
         if not is_plausible_motion(last, face.points):

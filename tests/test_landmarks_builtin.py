@@ -70,6 +70,23 @@ def test_refining_finds_the_face_again_from_a_rough_guess(person: str) -> None:
         assert error(face.points, truth) < min(0.045, 0.6 * error(start, truth))
 
 
+def test_what_a_face_looks_like_is_asked_only_where_it_may_be_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    picture, truth = frames("p02")[0]
+    asked, run = list[bool](), landmarker()._session.run
+    monkeypatch.setattr(
+        landmarker()._session, "run", lambda _, given: (asked.append(bool(given["looks"])), run(_, given))[1]
+    )
+    sure, unsure = (landmarker().refine(picture, Face.around(truth, known)) for known in (0.95, 0.5))
+    assert asked == [False, True]
+    assert sure is not None
+    assert unsure is not None
+    np.testing.assert_array_equal(sure.points, unsure.points)
+    assert min(sure.confidence, unsure.confidence) >= 0.9
+    assert abs(sure.confidence - unsure.confidence) < 0.02
+    landmarker().refine(np.zeros_like(picture), Face.around(truth, 1.0))
+    assert asked[2:] == [False, True]
+
+
 @pytest.mark.parametrize("degrees", [-30, 30])
 def test_a_rolled_head_is_found(degrees: float) -> None:
     picture, truth = turned(*frames("p06")[0], degrees)

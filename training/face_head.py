@@ -9,7 +9,7 @@ see `Goal.plain`; of hands, things and parts of pictures without a face as low a
 Both as they are and filled, as `guise.aam.landmarks.glances` judges them.  The first command keeps features in SHARDS,
 and may run several times at once with seeds of their own; FILE is the output of `mistaken.py`.  The second learns from
 all that are there, also from those that come meanwhile.  OUT receives `state.pt`, from which --resume goes on, and
-`landmarks.onnx`: the shipped network with the new head.
+`landmarks.onnx`: the shipped network with the new head, which runs unless the input `looks` is false.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ import onnxruntime
 import torch
 import torch.nn.functional as F
 from numpy.typing import NDArray
-from onnx import helper, numpy_helper
+from onnx import TensorProto, helper, numpy_helper
 from torch import Tensor, nn
 
 from guise.aam.landmarks import LEFT_EYE, RIGHT_EYE
@@ -267,7 +267,7 @@ def graft(head: Head, network: Path, path: Path) -> None:
         if needed & set(node.output):
             nodes.insert(0, node)
             needed |= set(node.input)
-    known = dict(zip(names, FEATURES, strict=True)) | {"face": "face"}
+    known = dict(zip(names, FEATURES, strict=True))
     for node in new.graph.node:
         for names_of in (node.input, node.output):
             names_of[:] = [known.get(name, f"face/{name}") for name in names_of]
@@ -278,11 +278,31 @@ def graft(head: Head, network: Path, path: Path) -> None:
     for one in new.graph.initializer:
         one.name = f"face/{one.name}"
     del model.graph.node[:], model.graph.initializer[:]
-    model.graph.node.extend([*nodes, *new.graph.node])
+    model.graph.node.extend(nodes)
     model.graph.initializer.extend([*weights, *new.graph.initializer])
+    if_asked(model, list(new.graph.node))
     onnx.checker.check_model(model)
     onnx.save(model, path)
     halve(path)
+
+
+def if_asked(model: onnx.ModelProto, nodes: list[onnx.NodeProto]) -> None:
+    """Add nodes that give `face/face` as the output `face`, unless the input `looks` is false: it is 0 then."""
+    given = [
+        helper.make_tensor_value_info(name, TensorProto.FLOAT, [1]) for name in ("face/face", "face/none")
+    ]
+    none = helper.make_node(
+        "Constant", [], ["face/none"], value=numpy_helper.from_array(np.zeros(1, np.float32))
+    )
+    branches = {
+        "then_branch": helper.make_graph(nodes, "asked", [], given[:1]),
+        "else_branch": helper.make_graph([none], "unasked", [], given[1:]),
+    }
+    graph = model.graph
+    graph.node.append(helper.make_node("If", ["looks"], ["face"], name="face", **branches))
+    del graph.input[1:]
+    graph.input.append(helper.make_tensor_value_info("looks", TensorProto.BOOL, []))
+    graph.initializer.append(numpy_helper.from_array(np.array(True), "looks"))
 
 
 def start(head: Head, network: Path) -> None:

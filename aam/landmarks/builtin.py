@@ -12,6 +12,7 @@ Pixels, x right, y down, pixel centres at integers; images RGB uint8 (h, w, 3). 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -123,7 +124,8 @@ def calibration() -> Calibration:
 class Prediction:
     """What one pass of the network gives.
 
-    Points (81, 2) and their standard deviations (81,), in pixels of the picture, and the face logit.
+    Points (81, 2) and their standard deviations (81,), in pixels of the picture, and the face logit; infinite if it was
+    not asked for.
     """
 
     points: F64
@@ -201,8 +203,16 @@ class BuiltinLandmarker:
         return [face for face in faces if face is not None]
 
     def refine(self, rgb: U8, previous: Face) -> Face | None:
-        """The face of the previous frame in this one; None when there is no face where it was."""
-        return self._judged(rgb, self._pass(rgb, *upright_square(previous.points.astype(np.float64))))
+        """The face of the previous frame in this one; None when there is no face where it was.
+
+        Whether what was surely a face looks like one is only asked where its points leave a doubt.
+        """
+        square = upright_square(previous.points.astype(np.float64))
+        asks = previous.confidence < LIMITS.sure_confidence
+        found = self._pass(rgb, *square, asks=asks)
+        if not asks and not self._is_sure(found):
+            found = self._pass(rgb, *square)
+        return self._judged(rgb, found)
 
     def points_in_box(self, rgb: U8, box: NDArray[Any], turn: float = 0.0) -> Face | None:
         """The face whose iBUG-68 points fill box (4,) ``x0 y0 x1 y1``: one pass, and another on the upright crop.
@@ -247,14 +257,15 @@ class BuiltinLandmarker:
             return None
         return self._second(rgb, self._pass(rgb, *upright_square(rough.points)))
 
-    def _pass(self, rgb: U8, centre: F64, side: float, turn: float) -> Prediction:
+    def _pass(self, rgb: U8, centre: F64, side: float, turn: float, *, asks: bool = True) -> Prediction:
+        """What the network gives.   asks : whether it looks like a face, a sixth of the time."""
         crop, inverse = cut(rgb, centre, CROP.side_head_boxes * side, turn)
-        points, sigma, face = self._session.run(None, {"crop": crop[None]})
+        points, sigma, face = self._session.run(None, {"crop": crop[None], "looks": np.array(asks)})
         scale = float(np.hypot(*inverse[:, 0]))
         return Prediction(
             points[0].astype(np.float64) @ inverse[:, :2].T + inverse[:, 2],
             sigma[0].astype(np.float64) * scale,
-            float(face[0]),
+            float(face[0]) if asks else math.inf,
         )
 
     def _judged(self, rgb: U8, found: Prediction) -> Face | None:
@@ -267,6 +278,12 @@ class BuiltinLandmarker:
             return None
         points = found.points if self._correction is None else self._correction(found.points)
         return Face.around(points, confidence, certain)
+
+    def _is_sure(self, found: Prediction) -> bool:
+        """Whether the points alone say that there is a face, whatever it looks like."""
+        return found.is_usable and (
+            self._calibration.confidence(found.sigma, found.eyes, -math.inf) >= LIMITS.sure_confidence
+        )
 
     def _is_hopeful(self, first: Prediction) -> bool:
         return (
