@@ -5,6 +5,8 @@ what has changed and by how much.
 """
 
 import os
+import subprocess
+import sys
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -22,6 +24,7 @@ from guise.app.drawing.look import LOOKS, Look
 from guise.app.media import Frame, open_input
 from guise.app.swapping.donors import open_donor
 from guise.app.swapping.puppet import Puppet
+from guise.common.kernels import COMPILED, RUNNING
 from guise.common.threads import one_thread
 
 GOLDEN = Path(__file__).parent / "golden"
@@ -87,6 +90,31 @@ def test_a_look_draws_its_golden_frames(kind: str) -> None:
 @pytest.mark.parametrize("kind", sorted(LOOKS))
 def test_gl_draws_the_golden_frames_too(kind: str) -> None:
     assert not differs(drawn(kind, "gl"), golden(kind))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(COMPILED is None, reason="no kernels are built here")
+@pytest.mark.parametrize("kind", ["swap", "disguise"])
+def test_every_instruction_set_draws_the_same_bytes(kind: str) -> None:
+    pictures = []
+    for name in COMPILED.sets():
+        COMPILED.use(name)
+        pictures.append(drawn(kind, "cpu"))
+    COMPILED.use(RUNNING)
+    for picture in pictures[1:]:
+        np.testing.assert_array_equal(picture, pictures[0])
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(COMPILED is None, reason="the twins are what runs here")
+def test_the_twins_draw_the_golden_frames_too() -> None:
+    only = ("-q", "-n0", "-p", "no:cacheprovider", "-k", test_a_look_draws_its_golden_frames.__name__)
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", __file__, *only], env=os.environ | {"GUISE_KERNELS": "numpy"},
+        cwd=Path(__file__).parents[1], capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout
+    assert f"{len(LOOKS)} passed" in done.stdout
 
 
 @pytest.mark.parametrize("change", ["brighter", "moved", "blurred"])
