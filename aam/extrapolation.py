@@ -11,6 +11,7 @@ where expression shows in the texture; less elsewhere, where it is mostly the so
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -106,7 +107,10 @@ class Extrapolator:
         self._of_shape = np.concatenate([part[:SHAPE_ENTRIES] for part in parts], axis=1)
         # Half floats suffice, as a term of the sum is a few grey levels, but NumPy takes long to read them.
         kind = np.float32 if COMPILED is None else np.float16
-        self._of_texture = np.concatenate([part[SHAPE_ENTRIES:].T.astype(kind, "C") for part in parts])
+        rows = [cv2.transpose(part[SHAPE_ENTRIES:]) for part in parts]
+        if kind is np.float16:
+            rows = [cv2.add(row, np.zeros(1), dtype=cv2.CV_16F) for row in rows]  # 7 times as fast as astype
+        self._of_texture: NDArray[np.floating] = np.concatenate(rows).astype(kind, copy=False)
 
     @property
     def matrix(self) -> F32:
