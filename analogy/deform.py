@@ -19,6 +19,7 @@ which saves more than half of them.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -50,6 +51,7 @@ class DeformationSettings:
     last_length_sizes: float = 0.012  # and in the last
     stretch_length_ratio: float = 0.8  # of that length, against stretching
     rounds: int = 4  # one factorisation each
+    guided_round: int = 1  # in which curves hold: before, ears are off; later, an inexact guide would stay
     steps_per_round: int = 6  # closest points are sought in each
     momentum: float = 0.7
     max_sought: int = 50_000  # vertices of the target, of which more than this many are sampled
@@ -76,9 +78,35 @@ class PointConstraints:
     positions: F64
     trust: F64
 
-    def matrix(self, count: int) -> sp.csr_array:
-        """(k, count): from the vertices to the points."""
-        return interpolation_matrix(self.corners, self.weights, count)
+
+@dataclass(frozen=True, eq=False)
+class CurveConstraints:
+    """Points of the surface that may slide along curves of the target.
+
+    Parameters
+    ----------
+    corners, weights, trust : of the points, as in `PointConstraints`.   number : (k,) the curve of each.
+    curves : (p, 3) each, places close together on the target.
+    """
+
+    corners: Int
+    weights: F64
+    trust: F64
+    number: Int
+    curves: tuple[F64, ...]
+
+    def at(self, places: F64) -> PointConstraints:
+        """Constraints that take the points, now at places (k, 3), to the nearest places of their curves."""
+        positions = places.copy()
+        for number, curve in enumerate(self.curves):
+            own = self.number == number
+            positions[own] = curve[cKDTree(curve).query(places[own])[1]]
+        return PointConstraints(self.corners, self.weights, positions, self.trust)
+
+
+Guides = Callable[
+    [F64], CurveConstraints | None
+]  # by the vertices (N, 3) of the surface, about on the target
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,12 +117,20 @@ class Matches:
     counts: F64
 
 
-def deform(rest: F64, faces: Int, target: Surface, points: PointConstraints | None, size: float) -> F64:
+def deform(
+    rest: F64,
+    faces: Int,
+    target: Surface,
+    points: PointConstraints | None,
+    size: float,
+    guides: Guides | None = None,
+) -> F64:
     """The surface `rest` (N, 3), roughly aligned with the target, deformed onto it: (N, 3).
 
     Parameters
     ----------
     faces : (m, 3), covering every vertex.   size : of the target, the root of its area.
+    guides : gives the curves that hold in the second round.
 
     Raises
     ------
@@ -107,14 +143,17 @@ def deform(rest: F64, faces: Int, target: Surface, points: PointConstraints | No
         )
     elastic, matching = ElasticSystem(rest, faces, points), MatchSearch(rest, faces, target, size)
     fitted = before = rest
-    for length in size * np.geomspace(
-        DEFORMATION.first_length_sizes, DEFORMATION.last_length_sizes, DEFORMATION.rounds
-    ):
+    lengths = np.geomspace(DEFORMATION.first_length_sizes, DEFORMATION.last_length_sizes, DEFORMATION.rounds)
+    for number, length in enumerate(size * lengths):
+        if guides is not None:
+            elastic.guide(guides(fitted) if number == DEFORMATION.guided_round else None)
         for step in range(DEFORMATION.steps_per_round):
-            matches = matching(fitted + DEFORMATION.momentum * (fitted - before))
+            ahead = fitted + DEFORMATION.momentum * (fitted - before)
+            matches = matching(ahead)
             if step == 0:
                 counts, solve = matches.counts, elastic.solver(length, matches.counts)
-            before, fitted = fitted, rest + solve(counts[:, None] * (matches.positions - rest))
+            drawn = counts[:, None] * (matches.positions - rest) + elastic.drawn_by_curves(ahead)
+            before, fitted = fitted, rest + solve(drawn)
     return fitted
 
 
@@ -134,11 +173,35 @@ class ElasticSystem:
         count = len(rest)
         self._fixed = sp.csr_array(sp.diags_array(np.full(count, DEFORMATION.rest_weight / count)))
         self._to_points = np.zeros((count, 3))
+        self._rest = rest
+        self._curves: CurveConstraints | None = None
         if points is not None:
-            at = points.matrix(count)
-            pull = at.T @ sp.diags_array(DEFORMATION.point_weight * points.trust)
-            self._fixed = self._fixed + pull @ at
-            self._to_points = np.asarray(pull @ (points.positions - at @ rest))
+            self._fixed = self._fixed + operator.matmul(*self._pull(points))
+            self._to_points = self._drawn(points)
+        self._held = self._fixed
+
+    def _pull(self, points: PointConstraints | CurveConstraints) -> tuple[sp.csr_array, sp.csr_array]:
+        """(N, k) by which points draw the vertices, and (k, N) from these to the points."""
+        at = interpolation_matrix(points.corners, points.weights, len(self._rest))
+        return sp.csr_array(at.T @ sp.diags_array(DEFORMATION.point_weight * points.trust)), at
+
+    def _drawn(self, points: PointConstraints) -> F64:
+        """(N, 3) the pull of points on the surface at rest."""
+        pull, at = self._pull(points)
+        return np.asarray(pull @ (points.positions - at @ self._rest))
+
+    def guide(self, curves: CurveConstraints | None) -> None:
+        """Hold points of the surface on these curves from now on, and no longer on others."""
+        self._curves, self._held = curves, self._fixed
+        if curves is not None:
+            self._held = self._fixed + operator.matmul(*self._pull(curves))
+
+    def drawn_by_curves(self, fitted: F64) -> F64:
+        """(N, 3) the pull of the curves, as near as they are to the surface (N, 3)."""
+        if self._curves is None:
+            return np.zeros_like(fitted)
+        places = np.einsum("kc,kci->ki", self._curves.weights, fitted[self._curves.corners])
+        return self._drawn(self._curves.at(places))
 
     @cached_property
     def _factorise(self) -> Callable[[sp.sparray], Solve]:
@@ -146,7 +209,7 @@ class ElasticSystem:
 
     def solver(self, length: float, counts: F64) -> Solve:
         """From counts times wanted displacements (N, 3) to displacements (N, 3), with one stiffness."""
-        system = self._fixed + sp.diags_array(counts) + length**4 * self._bending
+        system = self._held + sp.diags_array(counts) + length**4 * self._bending
         solve = self._factorise(system + (DEFORMATION.stretch_length_ratio * length) ** 2 * self._stretching)
         return lambda drawn: solve(self._to_points + drawn)
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -21,8 +21,9 @@ from scipy.spatial import cKDTree
 from guise.aam.similarity import Failed, Similarity, align
 from guise.analogy.anatomy import CORRESPONDING, KINDS, MOUTH, SKIN, kind_mask
 from guise.analogy.carriers import components_of
+from guise.analogy.contours import find_contours
 from guise.analogy.correspondence import Correspondence
-from guise.analogy.deform import DEFORMATION, PointConstraints, deform
+from guise.analogy.deform import DEFORMATION, Guides, PointConstraints, deform
 from guise.analogy.geometry import Surface, SurfacePoints, edge_lengths, face_normals, vertex_normals
 from guise.analogy.mesh import Mesh
 from guise.common.arrays import F64, Bool, Int
@@ -116,7 +117,11 @@ class Registration:
 
 
 def register(
-    source: Mesh, target: Mesh, points: tuple[F64, F64] | None = None, trust: F64 | None = None
+    source: Mesh,
+    target: Mesh,
+    points: tuple[F64, F64] | None = None,
+    trust: F64 | None = None,
+    contours: tuple[F64, F64] | None = None,
 ) -> Registration:
     """Deform the source onto the target.
 
@@ -125,6 +130,7 @@ def register(
     points : corresponding points (k, 3) on or near the source and (k, 3) on or near the target; the meshes may then
         differ by any similarity.  Without points they must be roughly aligned.
     trust : (k,) by which each counts in the deformation; None: all by 1.
+    contours : feature points (20, 3) of both, between which contours guide the deformation; None: none do.
 
     Raises
     ------
@@ -146,7 +152,11 @@ def register(
         else _point_constraints(rest[skin], faces, similarity.apply(points[0]), points[1], trust)
     )
     fitted = rest.copy()
-    fitted[skin] = deform(rest[skin], faces, surface, given, size)
+    guides: Guides | None = None
+    if contours is not None:
+        own = rest[skin], faces, similarity.apply(contours[0])
+        guides = partial(find_contours, own, surface, contours[1])
+    fitted[skin] = deform(rest[skin], faces, surface, given, size, guides)
     _move_small_parts(fitted, rest, source, skin)
     return Registration(source, target, fitted, similarity)
 

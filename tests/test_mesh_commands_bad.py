@@ -97,6 +97,9 @@ BAD: dict[str, tuple[Callable[[Path], tuple[str, ...]], str]] = {
     "a film that goes on": (
         lambda at: ("sequence", HEAD, frames(at / "in"), "--target", HEAD, "-o", "x.glb", "--resume"), "--resume needs a folder",  # noqa: E501
     ),
+    "a film as an avatar": (
+        lambda at: ("sequence", HEAD, frames(at / "in"), "--target", HEAD, "-o", "x.vrm"), "must be a folder, or end in .glb",  # noqa: E501
+    ),
     "no face to mark": (
         lambda at: ("landmarks", changed(HEAD, at / "box.obj", boxes)), "give all 20 points with --edit",
     ),

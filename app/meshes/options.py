@@ -25,6 +25,10 @@ class TransferOptions:
     correspondence: Literal["dense", "cylinder"] = option(
         "dense", "Match the heads by deforming one onto the other, or by cylindrical projection."
     )
+    guides: Literal["contours", "none"] = option(
+        "contours",
+        "Let contours of cheeks, jaw and neck guide the dense match, or feature points and lids alone.",
+    )
     landmarks: tuple[str, str] | None = option(
         None,
         "Feature points of both heads, as written by `landmarks`; `auto` detects them.",

@@ -99,7 +99,7 @@ def match_heads(
         named = name_parts(target, positions[1], options.parts, own)
         source, target = own.file, named.file
         face = FacePair.of(source.mesh, target.mesh, positions, placed=placed)
-        link, quality, fitted = _match(source.mesh, target.mesh, face, kind)
+        link, quality, fitted = _match(source.mesh, target.mesh, face, options)
         for sentence in suspicions(source.mesh, target.mesh, positions, link):
             context.say(sentence)
     facts = {"kind": kind, "found": round(float(link.found[skin_mask(target.mesh)].mean()), 4), **quality}
@@ -145,15 +145,16 @@ def have_same_faces(source: Mesh, target: Mesh) -> bool:
 
 
 def _match(
-    source: Mesh, target: Mesh, face: FacePair, kind: str
+    source: Mesh, target: Mesh, face: FacePair, options: TransferOptions
 ) -> tuple[Correspondence, dict[str, Any], F64 | None]:
-    if kind == "cylinder":
+    if options.correspondence == "cylinder":
         from guise.analogy.cylinder import cylindrical_correspondence
 
         return cylindrical_correspondence(source, target, *face.points), {}, None
     from guise.analogy.registration import register
 
-    done = register(source, target, face.with_margins(source, target), face.trust)
+    contours = face.points if options.guides == "contours" else None
+    done = register(source, target, face.with_margins(source, target), face.trust, contours)
     return done.correspondence(), {"quality": asdict(done.quality)}, done.fitted
 
 

@@ -27,6 +27,7 @@ from guise.common.arrays import F32, F64
 from guise.common.errors import Interrupted, OutputError
 from guise.common.files import require_outputs
 
+MESH_SUFFIXES = (".vrm", ".gltf", ".obj", ".ply", ".fbx")
 DEFAULT_FPS = 30.0  # of an animated GLB, unless given
 SPEED_INTERVAL_S = 1.0  # between two updates of the speed
 
@@ -108,6 +109,10 @@ def _require_outputs(source: Path, frames: SequenceFiles, target: Path, context:
             raise OutputError(f"--resume needs a folder as output, but {frames.output} is written as a whole")
         require_outputs([frames.output, *extra], inputs, force=context.force)
         return
+    if frames.output.suffix.lower() in MESH_SUFFIXES and not frames.output.is_dir():
+        raise OutputError(
+            f"{frames.output} must be a folder, or end in .glb: a sequence is not written as one such file"
+        )
     require_outputs(extra, inputs, force=context.force, made=frames.output)
     if frames.source.is_dir() and frames.output.resolve() == frames.source.resolve():
         raise OutputError(f"{frames.output} contains the input frames: choose another folder with -o")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from guise.app.meshes.options import TransferOptions, Unit
 from guise.app.meshes.pair import MatchedPair, TransferPair, prepare_pair
 from guise.app.meshes.pictures import DrawnHead, HeadView, Picture, draw_strip, draw_transfer
 from guise.app.meshes.reports import MotionError, TransferredExpression, TransferReport, versions
-from guise.common.arrays import F64
+from guise.common.arrays import F32, F64
 from guise.common.errors import Interrupted, OutputError
 from guise.common.files import fitting_name, require_outputs
 
@@ -63,6 +64,24 @@ def transfer_files(
         _write_all(head, made, outputs)
     draw_report_picture(pair.heads, faces, made, [path.stem for path in expressions], context)
     return make_report(pair.heads, options, folder, "expression", carried, context)
+
+
+class CarriedShapes(Sequence[F64]):
+    """Shapes (N, 3) of a head, each kept as what moves, float32: half of the memory, and what stays stays exactly."""
+
+    def __init__(self, rest: F64) -> None:
+        self._rest = rest
+        self._ways: list[F32] = []
+
+    def append(self, shape: F64) -> None:
+        """Keep a shape (N, 3)."""
+        self._ways.append((shape - self._rest).astype(np.float32))
+
+    def __len__(self) -> int:
+        return len(self._ways)
+
+    def __getitem__(self, at: Any) -> Any:
+        return self._rest + self._ways[at]
 
 
 def _write_all(head: MeshFile, made: Sequence[F64], outputs: Sequence[Path]) -> None:
@@ -139,21 +158,22 @@ def metres_per_unit(head: MeshFile, unit: Unit | None, context: RunContext) -> f
 
 def transfer_all(
     pair: TransferPair, faces: Sequence[F64], names: Sequence[tuple[str, str]], context: RunContext
-) -> tuple[list[F64], list[TransferredExpression]]:
+) -> tuple[CarriedShapes, list[TransferredExpression]]:
     """The target (N_t, 3) with each expression (N_s, 3), and its report entry.
 
     names : input and output of each.
     """
-    made: list[F64] = []
+    made = CarriedShapes(pair.heads.target.mesh.vertices)
     carried: list[TransferredExpression] = []
     with context.stage(TRANSFERRING):
         for first in range(0, len(faces), SOLVED_AT_ONCE):
             several = faces[first : first + SOLVED_AT_ONCE]
             start = time.perf_counter()
-            made += pair.transfer.each(several)
+            shapes = pair.transfer.each(several)
             seconds = round((time.perf_counter() - start) / len(several), 4)
-            for number, expressive in enumerate(several, first):
-                carried.append(summarise(pair, expressive, made[number], *names[number], seconds))
+            for number, (expressive, shape) in enumerate(zip(several, shapes, strict=True), first):
+                carried.append(summarise(pair, expressive, shape, *names[number], seconds))
+                made.append(shape)
                 warn_of_flights(pair, expressive, carried[-1], context)
             context.progress(TRANSFERRING, len(made) / len(faces))
     return made, carried

@@ -7,6 +7,7 @@ with all expressions as morph targets, and result.zip with the target's file onc
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -102,7 +103,7 @@ def _expressions(about: dict[str, Any], context: RunContext) -> tuple[MeshFile, 
     return file, [about["files"][str(path)] for path in paths], [file.read_expression(path) for path in paths]
 
 
-def _pack(part: Path, target: MeshFile, names: list[str], made: list[F64], folder: Path) -> None:
+def _pack(part: Path, target: MeshFile, names: list[str], made: Sequence[F64], folder: Path) -> None:
     """Write a ZIP of the target's file with each expression."""
     suffix = target.path.suffix
     with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as packed:

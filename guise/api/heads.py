@@ -45,11 +45,13 @@ class TransferMeshOptions(RegisterMeshOptions, total=False):
     """How expressions are transferred.
 
     method : vertex "tents", or what they are compared with.   correspondence : how the heads are matched.
-    parts : a file of what the parts of the target are.   keep_rigid : keep eyes, teeth and other parts in place.
+    guides : "contours" of cheeks, jaw and neck, or "none".   parts : a file of what the parts of the target are.
+    keep_rigid : keep eyes, teeth and other parts in place.
     """
 
     method: Literal["tents", "gradients", "cloning"]
     correspondence: Literal["dense", "cylinder"]
+    guides: Literal["contours", "none"]
     parts: AnyPath | None
     keep_rigid: bool
 
@@ -198,7 +200,7 @@ def _transfer(options: TransferMeshOptions) -> tuple[TransferOptions, dict[str, 
     left: dict[str, Any] = {**options}
     if left.get("parts") is not None:
         left["parts"] = Path(left["parts"])
-    names = ("method", "correspondence", "landmarks", "parts", "keep_rigid")
+    names = ("method", "correspondence", "guides", "landmarks", "parts", "keep_rigid")
     return TransferOptions(**{name: left.pop(name) for name in names if name in left}), left
 
 
