@@ -9,6 +9,7 @@ same place, its points carry the track.  Pixels, x right, y down.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import cv2
@@ -252,11 +253,12 @@ def _surroundings(luma: U8, shape: F64) -> tuple[int, int, U8]:
     centre, side, _ = upright_square(shape)
     reach = LIMITS.reach_head_boxes * side
     height, width = luma.shape
-    if not np.isfinite(reach):
+    if not np.isfinite(reach) or not np.isfinite(centre).all():
         return 0, 0, np.zeros((0, 0, 3), np.uint8)
-    low = np.minimum(np.maximum(np.floor(centre - reach), 0), (width, height))
-    high = np.minimum(np.maximum(np.ceil(centre + reach) + 1, 0), (width, height))
-    (x0, y0), (x1, y1) = low.astype(int).tolist(), high.astype(int).tolist()
+    (x0, x1), (y0, y1) = (
+        (min(max(math.floor(at - reach), 0), size), min(max(math.ceil(at + reach) + 1, 0), size))
+        for at, size in zip(centre.tolist(), (width, height), strict=True)
+    )
     part = luma[y0:y1, x0:x1]
     return x0, y0, np.broadcast_to(part[..., None], (*part.shape, 3))
 

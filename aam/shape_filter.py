@@ -9,10 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guise.aam.landmarks.schemes import EYES_AND_LIPS, LEFT_EYE_OUTER, RIGHT_EYE_OUTER
+from guise.aam.landmarks.schemes import EYES_AND_LIPS, OUTER_EYE_CORNERS
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.tracker import FEATURE_RESOLUTION
-from guise.common.arrays import F64
+from guise.common.arrays import F64, Int
+from guise.common.kernels import kernel
 
 
 @dataclass(frozen=True)
@@ -55,14 +56,26 @@ class ShapeFilter:
         if self._last is None:
             self._last = shape
             return shape
-        step = shape - self._last
-        self._mean_step = (self._mean_step + step) / 2
-        moved = (
-            self._gain
-            @ np.add.reduce(self._mean_step**2, 1)
-            / max(float(np.add.reduce((shape[LEFT_EYE_OUTER] - shape[RIGHT_EYE_OUTER]) ** 2)), 1e-6)
-        )
-        share = (moved / (1 + moved))[:, None]
-        self._last = self._last + share * step
-        self._mean_step *= 1 - share
+        self._last = self._last.copy()
+        filter_shape(np.ascontiguousarray(shape), self._gain, OUTER_EYE_CORNERS, self._mean_step, self._last)
         return self._last
+
+
+@kernel
+def filter_shape(shape: F64, gain: F64, eyes: Int, steps: F64, filtered: F64) -> None:
+    """Move filtered points towards where they are seen.
+
+    Parameters
+    ----------
+    shape : (n, 2), pixels.
+    gain : (n, n), by which points' squared steps count for each, over the noise, in squared inter-ocular distances.
+    eyes : (2,) the outer eye corners.
+    steps, filtered : (n, 2), pixels, the recent mean of the steps and the filtered points, which are changed.
+    """
+    step = shape - filtered
+    steps[:] = (steps + step) / 2
+    apart = max(float(np.add.reduce(np.subtract(*shape[eyes]) ** 2)), 1e-6)
+    moved = gain @ np.add.reduce(steps**2, 1) / apart
+    share = (moved / (1 + moved))[:, None]
+    filtered += share * step
+    steps *= 1 - share

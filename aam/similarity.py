@@ -221,8 +221,10 @@ def align_planar(source: F64, target: F64, weights: F64) -> PlanarSimilarity:
     Weights (n,) must sum to 1 and the source must have extent; neither is checked here.
     """
     made = np.empty(4)
-    x, y, w = (np.ascontiguousarray(array, np.float64) for array in (source, target, weights))
-    planar_similarity(x, y, w, made)
+    planar_similarity(
+        np.ascontiguousarray(source, np.float64), np.ascontiguousarray(target, np.float64),
+        np.ascontiguousarray(weights, np.float64), made,
+    )  # fmt: skip
     return PlanarSimilarity(*made.tolist())
 
 

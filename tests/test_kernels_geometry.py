@@ -17,6 +17,7 @@ from guise.aam.landmarks.plausible import _MOTION as MOTION
 from guise.aam.landmarks.schemes import OUTER_EYE_CORNERS, RIGID_WEIGHTS
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.relief import BEYOND_HULL, Relief
+from guise.aam.shape_filter import ShapeFilter
 from guise.aam.shape_transfer import ShapeTransfer
 from guise.aam.solid_shape import HeadPose, SolidFit, SolidPrior
 from guise.aam.tracker import FEATURE_RESOLUTION, Cascade
@@ -253,3 +254,31 @@ def test_transfer_shape(seed: int, learned: bool, noise: float) -> None:
         return *given[:-1], np.zeros((POINTS, 2))
 
     assert_alike(both("transfer_shape", arguments, (20,)), MOST_PIXELS)
+
+
+@compiled
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.floats(1, 900))
+def test_place_points(seed: int, side: float) -> None:
+    rng = np.random.default_rng(seed)
+    found, deviations = (rng.uniform(0, SIZE, shape).astype(np.float32) for shape in ((POINTS, 2), POINTS))
+    to_picture = crop_to_picture(rng.uniform(0, 900, 2), side, rng.uniform(-3, 3), (SIZE, SIZE))
+
+    def arguments() -> tuple[Any, ...]:
+        return found, deviations, to_picture, np.zeros((POINTS, 2)), np.zeros(POINTS)
+
+    assert_alike(both("place_points", arguments, (3, 4)), MOST_PIXELS)
+
+
+@compiled
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.floats(0.01, 30))
+def test_filter_shape(seed: int, noise: float) -> None:
+    rng = np.random.default_rng(seed)
+    shape, gain = a_face(rng, 2.0), ShapeFilter()._gain
+    last, steps = shape + rng.normal(0, noise, shape.shape), rng.normal(0, noise, shape.shape)
+
+    def arguments() -> tuple[Any, ...]:
+        return shape, gain, OUTER_EYE_CORNERS, steps.copy(), last.copy()
+
+    assert_alike(both("filter_shape", arguments, (3, 4)), MOST_PIXELS)

@@ -260,13 +260,10 @@ class BuiltinLandmarker:
     def _pass(self, rgb: U8, centre: F64, side: float, turn: float, *, asks: bool = True) -> Prediction:
         """What the network gives.   asks : whether it looks like a face, a sixth of the time."""
         crop, inverse = cut(rgb, centre, CROP.side_head_boxes * side, turn)
-        points, sigma, face = self._session.run(None, {"crop": crop[None], "looks": np.array(asks)})
-        scale = float(np.hypot(*inverse[:, 0]))
-        return Prediction(
-            points[0].astype(np.float64) @ inverse[:, :2].T + inverse[:, 2],
-            sigma[0].astype(np.float64) * scale,
-            float(face[0]) if asks else math.inf,
-        )
+        found, deviations, face = self._session.run(None, {"crop": crop[None], "looks": np.array(asks)})
+        points, sigma = np.empty(found.shape[1:]), np.empty(deviations.shape[1:])
+        place_points(found[0], deviations[0], inverse, points, sigma)
+        return Prediction(points, sigma, float(face[0]) if asks else math.inf)
 
     def _judged(self, rgb: U8, found: Prediction) -> Face | None:
         certain, (height, width) = np.empty(len(found.points), np.float32), rgb.shape[:2]
@@ -292,6 +289,20 @@ class BuiltinLandmarker:
 
     def _confidence(self, found: Prediction) -> float:
         return self._calibration.confidence(found.sigma, found.eyes, found.logit)
+
+
+@kernel
+def place_points(found: F32, deviations: F32, to_picture: F64, points: F64, sigma: F64) -> None:
+    """Take points of a crop, and their standard deviations, to the picture.
+
+    Parameters
+    ----------
+    found, deviations : (n, 2) and (n,), pixels of the crop.
+    to_picture : (2, 3) similarity from the pixels of the crop to the picture's.
+    points, sigma : the same in pixels of the picture, which are written.
+    """
+    points[:] = found @ to_picture[:, :2].T + to_picture[:, 2]
+    sigma[:] = deviations * np.hypot(*to_picture[:, 0])
 
 
 @kernel

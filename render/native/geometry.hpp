@@ -4,8 +4,8 @@
 template <class T> T total(const T (&part)[8]) {
     return ((part[0] + part[4]) + (part[1] + part[5])) + ((part[2] + part[6]) + (part[3] + part[7]));
 }
-inline float dot(const float *a, const float *b, i64 count) {
-    float part[8] = {}, other[8] = {};
+template <class T> T dot(const T *a, const T *b, i64 count) {
+    T part[8] = {}, other[8] = {};
     i64 k = 0;
     for (; k + 16 <= count; k += 16) {
         for (int lane = 0; lane < 8; ++lane) part[lane] += a[k + lane] * b[k + lane];

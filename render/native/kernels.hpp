@@ -12,17 +12,19 @@ namespace guise {
     K(composite) \
     K(correct_points) \
     K(expressed) \
+    K(filter_shape) \
     K(find_folds) \
     K(fit_cascade) \
-    K(judge_points) \
-    K(lay_band) \
     K(gradient_at) \
     K(grain_at) \
+    K(judge_points) \
     K(keep_brow) \
+    K(lay_band) \
     K(lay_over) \
     K(lit) \
     K(merge_planes) \
     K(mesh_positions) \
+    K(place_points) \
     K(planar_similarity) \
     K(plausible_motion) \
     K(relief_seen) \
@@ -49,6 +51,8 @@ struct Kernels {
                            double full, Array<double> corrected);
     void (*expressed)(Array<const float> base, Array<const u16> matrix, Array<const float> away,
                       Array<const float> factors, Array<float> out);
+    void (*filter_shape)(Array<const double> shape, Array<const double> gain, Array<const i64> eyes, Array<double> steps,
+                         Array<double> filtered);
     i64 (*find_folds)(Array<const double> points, Array<const i32> triangles, Array<const double> to_edges,
                       Array<const u8> closing, Array<const i64> ends, Array<const i64> sides,
                       Array<const double> limits, Array<float> shares, Array<double> edges);
@@ -58,16 +62,16 @@ struct Kernels {
                           Array<const float> stages, Array<const float> texture_mean,
                           Array<const float> texture_basis, Array<const double> limits, Array<double> shape,
                           Array<double> parameters);
-    double (*judge_points)(Array<const double> points, Array<const double> sigma, double bias, double width,
-                           double height, Array<const i64> eyes, Array<const double> rules, Array<float> certain);
-    void (*lay_band)(Array<const float> band, Array<const float> cells, Array<const float> share, double amount,
-                     Array<u8> picture);
     i64 (*gradient_at)(Array<const u8> picture, Array<const float> places, double sigma, Array<float> energies);
     i64 (*grain_at)(Array<const u8> picture, Array<const float> places, double sigma, i64 box, Array<float> energies);
+    double (*judge_points)(Array<const double> points, Array<const double> sigma, double bias, double width,
+                           double height, Array<const i64> eyes, Array<const double> rules, Array<float> certain);
     void (*keep_brow)(Array<const i64> corners, Array<const float> weights, Array<const i64> end_corners,
                       Array<const float> end_weights, Array<const double> drawn, Array<const double> at_rest,
                       Array<const float> heights, Array<const float> columns, Array<const double> limits, i64 top,
                       i64 factor, Array<u8> picture);
+    void (*lay_band)(Array<const float> band, Array<const float> cells, Array<const float> share, double amount,
+                     Array<u8> picture);
     void (*lay_over)(Array<const float> own, Array<const float> share, double shown, Array<u8> picture);
     void (*lit)(Array<const float> texture, Array<const i64> pixels, i64 width, Array<const float> cells, double cell,
                 Array<const i64> in_parts, Array<const float> shares, Array<const float> parts,
@@ -76,6 +80,8 @@ struct Kernels {
                          i64 left, i64 top, Array<u8> out);
     void (*mesh_positions)(Array<const double> points, Array<const i64> vertices, Array<const float> weights,
                            Array<float> places);
+    void (*place_points)(Array<const float> found, Array<const float> deviations, Array<const double> to_picture,
+                         Array<double> points, Array<double> sigma);
     void (*planar_similarity)(Array<const double> source, Array<const double> target, Array<const double> weights,
                               Array<double> made);
     i64 (*plausible_motion)(Array<const double> previous, Array<const double> current, Array<const i64> eyes,

@@ -143,3 +143,37 @@ i64 plausible_motion(Array<const double> previous, Array<const double> current, 
     }
     return std::sqrt(off) / before < bend;
 }
+
+void place_points(Array<const float> found, Array<const float> deviations, Array<const double> to_picture,
+                  Array<double> points, Array<double> sigma) {
+    const i64 count = points.shape[0];
+    require_points(found, count, "found must be (n, 2)");
+    require_points(points, count, "points must be (n, 2)");
+    require(deviations.axes == 1 && deviations.size() == count && deviations.stride == 1, "deviations must be (n,)");
+    require(sigma.axes == 1 && sigma.size() == count && sigma.stride == 1, "sigma must be (n,)");
+    require(to_picture.axes == 2 && to_picture.shape[0] == 2 && to_picture.shape[1] == 3 && to_picture.stride == 3, "to_picture must be (2, 3)");
+    const double *map = to_picture.data, scale = std::hypot(map[0], map[3]);
+    for (i64 k = 0; k < count; ++k) {
+        const double x = double(found.data[2 * k]), y = double(found.data[2 * k + 1]);
+        points.data[2 * k] = x * map[0] + y * map[1] + map[2], points.data[2 * k + 1] = x * map[3] + y * map[4] + map[5];
+        sigma.data[k] = double(deviations.data[k]) * scale;
+    }
+}
+
+void filter_shape(Array<const double> shape, Array<const double> gain, Array<const i64> eyes, Array<double> steps, Array<double> filtered) {
+    const i64 count = shape.shape[0];
+    require_points(shape, count, "shape must be (n, 2)");
+    require_points(steps, count, "steps must be (n, 2)");
+    require_points(filtered, count, "filtered must be (n, 2)");
+    require(gain.axes == 2 && gain.shape[0] == count && gain.shape[1] == count && gain.stride == count, "gain must be (n, n)");
+    require_names(eyes, 2, count, "eyes must name two points");
+    double *squared = memory<234, double>(count), *step = steps.data, *last = filtered.data;
+    for (i64 k = 0; k < 2 * count; ++k) step[k] = (step[k] + (shape.data[k] - last[k])) / 2;
+    for (i64 k = 0; k < count; ++k) squared[k] = step[2 * k] * step[2 * k] + step[2 * k + 1] * step[2 * k + 1];
+    const Point way = between(shape.data, eyes.data[0], eyes.data[1]);
+    const double apart = std::max(way.x * way.x + way.y * way.y, 1e-6);
+    for (i64 k = 0; k < count; ++k) {
+        const double moved = dot(gain.row(k), squared, count) / apart, share = moved / (1 + moved);
+        for (i64 at = 2 * k; at < 2 * k + 2; ++at) last[at] += share * (shape.data[at] - last[at]), step[at] *= 1 - share;
+    }
+}

@@ -1,15 +1,5 @@
 // Included by each instruction set in a namespace of its own: the solid shape of a face.
 
-inline double dot(const double *a, const double *b, i64 count) {
-    double part[8] = {};
-    i64 k = 0;
-    for (; k + 8 <= count; k += 8) {
-        for (int lane = 0; lane < 8; ++lane) part[lane] += a[k + lane] * b[k + lane];
-    }
-    for (; k < count; ++k) part[k % 8] += a[k] * b[k];
-    return total(part);
-}
-
 // The solution of a symmetric positive system (n, n), whose lower half is given and lost, in place of its right side.
 inline bool solve(double *matrix, double *right, i64 n) {
     for (i64 i = 0; i < n; ++i) {
