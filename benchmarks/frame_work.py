@@ -1,15 +1,16 @@
 """The work of a swapped frame in memory, on one thread: processor time beside another revision, and instructions.
 
 Both revisions swap the same frames of the same clip in turn, each in a process of its own with models of its own, on
-the Python and the libraries of this environment.  Instructions are callgrind's, of a run that swaps `COUNTED` frames
-more than another: they repeat where other load makes times noisy.  Valgrind shows programs a processor without AVX-512,
-so what has code for it runs its AVX2 code, and OpenCV is held to AVX, as valgrind lacks an instruction of the rest.
+the Python and the libraries of this environment.  Instructions are callgrind's, of `COUNTED` frames after a few others:
+they repeat where other load makes times noisy.  Valgrind shows programs a processor without AVX-512, so what has code
+for it runs its AVX2 code, and OpenCV is held to AVX, as valgrind lacks an instruction of the rest.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import platform
 import re
 import shutil
 import statistics
@@ -112,21 +113,15 @@ def _swapped(engine: PeerProcess, frames: int) -> float:
 
 def instructions(revision: Revision, clip: Path) -> float:
     """Instructions of a swapped frame."""
-    few, many = (_counted(revision, clip, swapped) for swapped in (WARM, WARM + COUNTED))
-    return (many - few) / COUNTED
-
-
-def _counted(revision: Revision, clip: Path, swapped: int) -> int:
-    """Instructions of a process that decodes the same frames whatever it swaps."""
-    count = ("valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null")
+    count = ("valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null", "--instr-atstart=no")
     done = subprocess.run(
         [*count, sys.executable, CHILD, clip, *revision.models, str(WARM + COUNTED)],
-        input=f"{swapped}\n", env=revision.environment | UNDER_VALGRIND, capture_output=True, text=True,
+        input=f"{WARM}\n{COUNTED}\n", env=revision.environment | UNDER_VALGRIND, capture_output=True, text=True,
     )  # fmt: skip
     found = COLLECTED.search(done.stderr)
     if done.returncode or found is None:
         raise CommandError(f"callgrind failed ({done.returncode}): {done.stderr[-400:]}")
-    return int(found[1])
+    return int(found[1]) / COUNTED
 
 
 def figures(clips: tuple[Path, Path], beside: str | None, folder: Path) -> dict[str, float]:
@@ -134,7 +129,7 @@ def figures(clips: tuple[Path, Path], beside: str | None, folder: Path) -> dict[
 
     clips : of the person in the frames and of the donor.   folder : an empty one.
     """
-    counts = shutil.which("valgrind") is not None
+    counts = platform.machine() == "x86_64" and shutil.which("valgrind") is not None
     here, found = Revision.enrolled(ROOT, clips, folder / "here"), {}
     if counts:
         found["instructions a frame, millions"] = instructions(here, clips[0]) / 1e6

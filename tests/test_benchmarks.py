@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import platform
 import re
 import runpy
 import sys
@@ -14,7 +15,7 @@ import pytest
 
 sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are part of the checkout, not of the package
 
-from benchmarks import common, embeddings, frame_work, run_all, speed, threads
+from benchmarks import common, embeddings, frame_child, frame_work, run_all, speed, threads
 from benchmarks.children import CommandError, Ran, ran
 from benchmarks.common import Criterion, Report, Table
 from guise.aam.landmarks.schemes import LEFT_EYE, LEFT_MOUTH_CORNER, NOSE_TIP, RIGHT_EYE, RIGHT_MOUTH_CORNER
@@ -249,6 +250,13 @@ def test_speed_is_a_median_of_ratios_over_the_rounds() -> None:
         ("720p: wall over transcode", True),
         ("720p: processor over transcode", False),
     ]
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="callgrind is asked in its machine code")
+def test_callgrind_may_be_asked_where_it_is_not() -> None:
+    tell = frame_child.counter()
+    tell(frame_child.START)
+    tell(frame_child.STOP)
 
 
 def test_another_revision_is_imported_instead_of_what_is_installed(tmp_path: Path) -> None:
