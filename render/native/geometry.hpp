@@ -80,6 +80,10 @@ template <class T> struct Plane {
     }
     static i64 inside(i64 place, i64 size) { return place < 0 ? 0 : place >= size ? size - 1 : place; }
     Cell cell(float x, float y) const {
+        if (x >= 0 && y >= 0 && x < float(width - 1) && y < float(height - 1)) {  // sooner than clipping what needs none
+            const int left = int(x), top = int(y);
+            return {left, left + 1, top * stride, top * stride + stride, x - float(left), y - float(top)};
+        }
         x = near(x, width), y = near(y, height);
         const int left = floored(x), top = floored(y);
         return {inside(left, width), inside(left + 1, width), inside(top, height) * stride,

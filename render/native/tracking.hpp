@@ -183,7 +183,7 @@ double fit_cascade(Array<const u8> luma, Array<const double> start, Array<const 
     const auto sample = [&] {
         mesh.lay(floats<224>(now, 2 * count), places);
         const Plane<u8> crop = cut.about(places, n);
-        for (i64 k = 0; k < n; ++k) features[k] = std::nearbyint(crop.at(places[2 * k], places[2 * k + 1]));
+        for (i64 k = 0; k < n; ++k) features[k] = float(nearest(crop.at(places[2 * k], places[2 * k + 1])));
         normalise(features, n);
     };
     const auto decode = [&] {
