@@ -28,6 +28,11 @@ inline float value_at(Array<const float> plane, float x, float y) {
     if (!(x > -1 && y > -1 && x < float(w) && y < float(h))) return 0;
     const float fx = std::floor(x), fy = std::floor(y), u = x - fx, v = y - fy;
     const i64 left = i64(fx), top = i64(fy);
+    if (left >= 0 && top >= 0 && left + 1 < w && top + 1 < h) {
+        const float *one = plane.row(top) + left, *other = plane.row(top + 1) + left;
+        const float upper = one[0] + u * (one[1] - one[0]), lower = other[0] + u * (other[1] - other[0]);
+        return upper + v * (lower - upper);
+    }
     const auto at = [&](i64 j, i64 k) { return j < 0 || k < 0 || j >= h || k >= w ? 0.0f : plane.row(j)[k]; };
     const float upper = at(top, left) + u * (at(top, left + 1) - at(top, left));
     const float lower = at(top + 1, left) + u * (at(top + 1, left + 1) - at(top + 1, left));

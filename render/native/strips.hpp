@@ -1,13 +1,25 @@
 // Included by each instruction set in a namespace of its own: strips about brows.
 
-// The value of a row of a picture (h, w, 3) between rows, by cubic convolution, into a pixel (3,).
-inline void between_rows(const u8 *const *rows, i64 at, float share, u8 *out) {
+// A column's pixel (4,) between four rows, by cubic convolution: beyond the second by a share.
+inline F4 between_rows(const u8 *const *rows, i64 at, float share) {
     const float s = share, t = 1 - share;
-    const float a = ((-0.75f * s + 1.5f) * s - 0.75f) * s, b = (1.25f * s - 2.25f) * s * s + 1;
-    const float c = (1.25f * t - 2.25f) * t * t + 1, d = ((-0.75f * t + 1.5f) * t - 0.75f) * t;
-    for (int k = 0; k < 3; ++k) {
-        const float upper = a * float(rows[0][at + k]) + b * float(rows[1][at + k]);
-        out[k] = byte_of(upper + (c * float(rows[2][at + k]) + d * float(rows[3][at + k])));
+    const F4 a(((-0.75f * s + 1.5f) * s - 0.75f) * s), b((1.25f * s - 2.25f) * s * s + 1);
+    const F4 c((1.25f * t - 2.25f) * t * t + 1), d(((-0.75f * t + 1.5f) * t - 0.75f) * t);
+    const F4 upper = a * F4::of_bytes(rows[0] + at) + b * F4::of_bytes(rows[1] + at);
+    return upper + (c * F4::of_bytes(rows[2] + at) + d * F4::of_bytes(rows[3] + at));
+}
+
+// Out (factor w,): a row y of a plane (h, w) that is enlarged bilinearly, as at its border beyond it.
+inline void enlarge_row(const float *plane, i64 h, i64 w, i64 factor, i64 y, float *line, float *out) {
+    const float step = 1 / float(factor), v = (float(y) + 0.5f) * step - 0.5f, below = std::max(v, 0.0f);
+    const i64 top = i64(below), next = std::min(top + 1, h - 1);
+    const float *one = plane + top * w, *other = plane + next * w, down = below - float(top);
+    for (i64 x = 0; x < w; ++x) line[x] = one[x] + (other[x] - one[x]) * down;
+    for (i64 k = 0; k < factor; ++k) {
+        const float u = (float(k) + 0.5f) * step - 0.5f;  // of the pixel before it in the first half
+        const float *from = line + (u < 0 ? -1 : 0), share = u < 0 ? u + 1 : u;
+        line[-1] = line[0], line[w] = line[w - 1];
+        for (i64 x = 0; x < w; ++x) out[factor * x + k] = from[x] + (from[x + 1] - from[x]) * share;
     }
 }
 
@@ -68,22 +80,21 @@ void keep_brow(Array<const i64> corners, Array<const float> weights, Array<const
         }
     }
     const i64 width = factor * w;
-    u8 *kept = memory<128, u8>(3 * width * high);
+    u8 *kept = memory<128, u8>(3 * width * high + 1);
     for (i64 y = 0; y < high; ++y) std::memcpy(kept + 3 * width * y, picture.row(y), std::size_t(3 * width));
-    const auto held = [](i64 k, i64 size) { return k < 0 ? 0 : k >= size ? size - 1 : k; };
-    const Plane<float> read{rows, w, h, w};
-    const float step = 1 / float(factor);
+    const auto held = [=](i64 k) { return kept + 3 * width * (k < 0 ? 0 : k >= high ? high - 1 : k); };
+    float *read = memory<129, float>(w + 2 + width), *row = read + w + 2;
     for (i64 y = 0; y < factor * h; ++y) {
         u8 *out = picture.row(top + y);
+        enlarge_row(rows, h, w, factor, y, read + 1, row);
         for (i64 x = 0; x < width; ++x) {
-            const float row = factor == 1 ? rows[y * w + x]
-                                          : read.at((float(x) + 0.5f) * step - 0.5f, (float(y) + 0.5f) * step - 0.5f);
-            if (std::fabs(row - float(top + y)) < 1e-4f) continue;
-            const float bounded = row > -3 ? (row < float(high + 2) ? row : float(high + 2)) : -3;
+            if (std::fabs(row[x] - float(top + y)) < 1e-4f) continue;
+            const float bounded = row[x] > -3 ? (row[x] < float(high + 2) ? row[x] : float(high + 2)) : -3;
             const float first = std::floor(bounded);
-            const u8 *lines[4];
-            for (i64 k = 0; k < 4; ++k) lines[k] = kept + 3 * width * held(i64(first) - 1 + k, high);
-            between_rows(lines, 3 * x, bounded - first, out + 3 * x);
+            const i64 upper = i64(first);
+            const u8 *lines[] = {held(upper - 1), held(upper), held(upper + 1), held(upper + 2)};
+            const std::uint32_t word = between_rows(lines, 3 * x, bounded - first).bytes();
+            std::memcpy(out + 3 * x, &word, 3);
         }
     }
 }
