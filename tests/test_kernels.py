@@ -345,6 +345,25 @@ def test_brow_shifts(seed: int, rows: int) -> None:
 
 
 @compiled
+@settings(max_examples=60, deadline=None)
+@given(seeds, st.integers(1, 3), st.floats(0.8, 5.0), st.integers(1, 4))
+def test_paint_over(seed: int, reach: int, sigma: float, step: int) -> None:
+    rng = np.random.default_rng(seed)
+    high, wide = (int(side) for side in rng.integers(3 * step, 60, 2))
+    size = -(-high // step), -(-wide // step)
+    brows, skin = ((rng.random(size, np.float32) * 1.4).clip(0, 1) for _ in range(2))
+    brows[: size[0] // 2] = 0
+    told = np.array([reach, sigma, 0.06, 0.25, 0.5, 1.0, 0.003, 0.02])
+    colours = np.array([150, 120, 140]) + rng.normal(0, 20, (high, wide + 5, 3))
+    frame = colours.clip(0, 255).astype(np.uint8)
+
+    def arguments() -> tuple[Any, ...]:
+        return brows, skin, told, frame.copy()[:, 2:-3]
+
+    assert_alike(both("paint_over", arguments, (3,)), MOST_LEVELS)
+
+
+@compiled
 def test_each_kernel_has_a_twin_and_is_used() -> None:
     kernels = {name for name in dir(COMPILED) if not name.startswith("_")} - {"sets", "use"}
     assert kernels == set(TWINS)

@@ -25,6 +25,7 @@ namespace guise {
     K(merge_planes) \
     K(mesh_positions) \
     K(place_points) \
+    K(paint_over) \
     K(planar_similarity) \
     K(plausible_motion) \
     K(relief_seen) \
@@ -82,6 +83,7 @@ struct Kernels {
                            Array<float> places);
     void (*place_points)(Array<const float> found, Array<const float> deviations, Array<const double> to_picture,
                          Array<double> points, Array<double> sigma);
+    void (*paint_over)(Array<const float> brows, Array<const float> skin, Array<const double> numbers, Array<u8> part);
     void (*planar_similarity)(Array<const double> source, Array<const double> target, Array<const double> weights,
                               Array<double> made);
     i64 (*plausible_motion)(Array<const double> previous, Array<const double> current, Array<const i64> eyes,

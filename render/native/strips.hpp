@@ -161,3 +161,112 @@ void brow_shifts(Array<const i64> corners, Array<const float> weights, Array<con
         found.data[side] = peak * std::min(std::max((alike[best] - first) / (last - first), 0.0), 1.0);
     }
 }
+
+// Which cell a pixel of an axis lies in when its pixels are shared among fewer cells, and its share in it; the next has the rest.
+struct Shared {
+    i64 *cell;
+    float *share;
+    Shared(i64 pixels, i64 cells, i64 *cell, float *share) : cell(cell), share(share) {
+        const double size = double(pixels) / double(cells);
+        for (i64 k = 0; k < pixels; ++k) {
+            cell[k] = std::min(i64(double(k) / size), cells - 1);
+            share[k] = float(std::min(std::max(double(cell[k] + 1) * size - double(k), 0.0), 1.0));
+        }
+    }
+};
+
+// Paint over brows with the colours of the skin beside them; planes (h, w) of cells are computed from them and the part.
+void paint_over(Array<const float> brows, Array<const float> skin, Array<const double> numbers, Array<u8> part) {
+    const i64 h = brows.shape[0], w = brows.shape[1], n = h * w, high = part.shape[0], wide = part.shape[1];
+    require(part.axes == 3 && part.shape[2] == 3 && part.size() > 0, "part must be (y, x, 3)");
+    require(brows.axes == 2 && n > 0 && h <= high && w <= wide && (brows.stride == w || h == 1), "brows must be (h, w)");
+    require(skin.axes == 2 && skin.shape[0] == h && skin.shape[1] == w && (skin.stride == w || h == 1), "skin must be as brows");
+    require(numbers.axes == 1 && numbers.stride == 1 && numbers.shape[0] == 8, "there must be 8 numbers");
+    const double *told = numbers.data;
+    const i64 reach = i64(told[0]);
+    require(reach >= 0 && reach < 1000 && told[1] > 0 && told[1] < 1000, "lengths must be positive, and not many cells");
+
+    // Brows grown by so many cells, and softened.
+    float *grown = memory<150, float>(8 * n), *across = grown + n, *weight = across + n, *known = weight + n, *beside = known + n;
+    for (i64 y = 0; y < h; ++y) {
+        for (i64 x = 0; x < w; ++x) {
+            float most = brows.data[y * w + x];
+            for (i64 k = std::max(x - reach, i64(0)); k <= std::min(x + reach, w - 1); ++k) most = std::max(most, brows.data[y * w + k]);
+            across[y * w + x] = most;
+        }
+    }
+    for (i64 y = 0; y < h; ++y) {
+        float *out = grown + y * w;
+        std::copy(across + y * w, across + (y + 1) * w, out);
+        for (i64 k = std::max(y - reach, i64(0)); k <= std::min(y + reach, h - 1); ++k) {
+            for (i64 x = 0; x < w; ++x) out[x] = std::max(out[x], across[k * w + x]);
+        }
+    }
+    gaussian(grown, h, w, double(2 * reach + 1) / 4, grown);
+
+    // Means of the part in the cells, and of the skin beside each.
+    const Shared columns(wide, w, memory<151, i64>(wide), memory<152, float>(wide));
+    const Shared rows(high, h, memory<153, i64>(high), memory<154, float>(high));
+    float *line = memory<155, float>(4 * (w + 1));
+    u8 *kept = memory<160, u8>(3 * wide + 1);
+    std::fill(beside, beside + 3 * n, 0.0f);
+    for (i64 y = 0; y < high; ++y) {
+        std::fill(line, line + 4 * (w + 1), 0.0f);
+        std::memcpy(kept, part.row(y), std::size_t(3 * wide));
+        for (i64 x = 0; x < wide; ++x) {
+            const F4 value = F4::of_bytes(kept + 3 * x), here = value * F4(columns.share[x]);
+            float *out = line + 4 * columns.cell[x];
+            (F4::load(out) + here).store(out);
+            if (columns.share[x] < 1) (F4::load(out + 4) + (value - here)).store(out + 4);
+        }
+        for (i64 next = 0; next < 2; ++next) {
+            const i64 row = rows.cell[y] + next;
+            const float share = next ? 1 - rows.share[y] : rows.share[y];
+            if (row >= h || share == 0) continue;
+            for (int c = 0; c < 3; ++c) {
+                float *out = beside + c * n + row * w;
+                for (i64 x = 0; x < w; ++x) out[x] += share * line[4 * x + c];
+            }
+        }
+    }
+    const float area = float(double(n) / (double(high) * double(wide)));
+    for (i64 k = 0; k < n; ++k) {
+        weight[k] = ramp(skin.data[k], told[4], told[5]) * (1 - ramp(grown[k], told[2], told[3]));
+        for (int c = 0; c < 3; ++c) beside[c * n + k] = float(byte_of(beside[c * n + k] * area)) * weight[k];
+    }
+    gaussian(weight, h, w, told[1], known);
+    for (int c = 0; c < 3; ++c) gaussian(beside + c * n, h, w, told[1], beside + c * n);
+    float *paint = memory<156, float>(4 * n);  // colour, and share
+    for (i64 k = 0; k < n; ++k) {
+        const float divisor = std::max(known[k], 1e-6f);
+        for (int c = 0; c < 3; ++c) paint[4 * k + c] = float(byte_of(beside[c * n + k] / divisor));
+        paint[4 * k + 3] = grown[k] * ramp(known[k], told[6], told[7]);
+    }
+
+    // Enlarged, and blended.
+    i64 *left = memory<157, i64>(wide);
+    float *right = memory<158, float>(wide), *between = memory<159, float>(4 * (w + 1));
+    const double step_x = double(w) / double(wide), step_y = double(h) / double(high);
+    for (i64 x = 0; x < wide; ++x) {
+        const double u = std::min(std::max((double(x) + 0.5) * step_x - 0.5, 0.0), double(w - 1));
+        left[x] = i64(u);
+        right[x] = float(u - double(left[x]));
+    }
+    for (i64 y = 0; y < high; ++y) {
+        const double v = std::min(std::max((double(y) + 0.5) * step_y - 0.5, 0.0), double(h - 1));
+        const i64 top = i64(v), next = std::min(top + 1, h - 1);
+        const float down = float(v - double(top)), *one = paint + 4 * top * w, *other = paint + 4 * next * w;
+        for (i64 k = 0; k < 4 * w; ++k) between[k] = one[k] + (other[k] - one[k]) * down;
+        for (i64 k = 0; k < 4; ++k) between[4 * w + k] = between[4 * (w - 1) + k];
+        u8 *out = part.row(y);
+        std::memcpy(kept, out, std::size_t(3 * wide));
+        for (i64 x = 0; x < wide; ++x) {
+            const float *at = between + 4 * left[x];
+            if (at[3] == 0 && at[7] == 0) continue;
+            const F4 first = F4::load(at), there = first + (F4::load(at + 4) - first) * F4(right[x]);
+            const F4 here = F4::of_bytes(kept + 3 * x);
+            const std::uint32_t word = (here + there.all<3>() * (there - here)).bytes();
+            std::memcpy(out + 3 * x, &word, 3);
+        }
+    }
+}

@@ -230,17 +230,30 @@ def _cover(part: U8, brows: F32, skin: F32, width: float) -> None:
 
     brows, skin : shares at places that lie `width` to a face, of what is painted over and of what is bare skin.
     """
-    if not cv2.countNonZero(brows):
-        return
-    size, sigma = part.shape[1::-1], COVER.beside * width
-    grown = 2 * max(round(GROWTH * width), 1) + 1
-    square = cv2.getStructuringElement(cv2.MORPH_RECT, (grown, grown))
-    brows = np.asarray(cv2.GaussianBlur(cv2.dilate(brows, square), (0, 0), grown / 4), np.float32)
-    small = cv2.resize(part, brows.shape[::-1], interpolation=cv2.INTER_AREA)
-    weight = ramp(skin, COVER.bare_share) * (1 - ramp(brows, COVER.brow_share))
+    if cv2.countNonZero(brows):
+        lengths = max(round(GROWTH * width), 1), COVER.beside * width
+        numbers = np.array([*lengths, *COVER.brow_share, *COVER.bare_share, *COVER.least_skin])
+        paint_over(brows, np.ascontiguousarray(skin), numbers, part)
+
+
+@kernel
+def paint_over(brows: F32, skin: F32, numbers: F64, part: U8) -> None:
+    """Paint over brows in a picture (y, x, 3) with the colours of the skin beside them, in place.
+
+    brows, skin : (h, w) shares in the picture's cells, of brows and of bare skin.
+    numbers : cells by which brows are grown, standard deviation of the skin beside, cells, and the pairs of
+        `BrowCoverLimits`: brow_share, bare_share, least_skin.
+    """
+    reach, sigma, *ends = numbers.tolist()
+    brow_share, bare_share, least_skin = zip(ends[::2], ends[1::2], strict=True)
+    size, side = part.shape[1::-1], 2 * int(reach) + 1
+    square = cv2.getStructuringElement(cv2.MORPH_RECT, (side, side))
+    grown = np.asarray(cv2.GaussianBlur(cv2.dilate(brows, square), (0, 0), side / 4), np.float32)
+    cells = cv2.resize(part, brows.shape[::-1], interpolation=cv2.INTER_AREA)
+    weight = np.asarray(ramp(skin, bare_share) * (1 - ramp(grown, brow_share)))
     known = np.asarray(cv2.GaussianBlur(weight, (0, 0), sigma), np.float32)
-    beside = cv2.GaussianBlur(small * weight[..., None], (0, 0), sigma)
+    beside = cv2.GaussianBlur(cells * weight[..., None], (0, 0), sigma)
     beside = np.asarray(beside / np.maximum(known, np.float32(1e-6))[..., None])
-    share = cv2.resize(brows * ramp(known, COVER.least_skin), size)
+    share = cv2.resize(np.asarray(grown * ramp(known, least_skin)), size)
     paint = cv2.resize(cv2.convertScaleAbs(beside), size)
     part[:] = cv2.blendLinear(paint, np.ascontiguousarray(part), share, 1 - share)
