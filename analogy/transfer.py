@@ -239,7 +239,7 @@ def prepare_transfer(
         )
         face = FacePair.of(source, target, points)
         points, trust = face.with_margins(source, target), face.trust
-    done = register(source, target, points, trust, face.points if face else None)
+    done = register(source, target, points, trust)
     return Transfer(source, target, done.correspondence(), method, keep_rigid, face, done.fitted)
 
 

@@ -26,8 +26,8 @@ class TransferOptions:
         "dense", "Match the heads by deforming one onto the other, or by cylindrical projection."
     )
     guides: Literal["contours", "none"] = option(
-        "contours",
-        "Let contours of cheeks, jaw and neck guide the dense match, or feature points and lids alone.",
+        "none",
+        "Let feature points and lids alone guide the dense match, or contours of cheeks, jaw and neck, too.",
     )
     landmarks: tuple[str, str] | None = option(
         None,

@@ -45,7 +45,7 @@ class TransferMeshOptions(RegisterMeshOptions, total=False):
     """How expressions are transferred.
 
     method : vertex "tents", or what they are compared with.   correspondence : how the heads are matched.
-    guides : "contours" of cheeks, jaw and neck, or "none".   parts : a file of what the parts of the target are.
+    guides : "none", or "contours" of cheeks, jaw and neck.   parts : a file of what the parts of the target are.
     keep_rigid : keep eyes, teeth and other parts in place.
     """
 
