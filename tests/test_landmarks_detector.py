@@ -74,7 +74,7 @@ def test_it_is_known_by_its_name() -> None:
 
 
 def test_the_model_is_small() -> None:
-    assert (DATA / "detector.onnx").stat().st_size < 1.5e6
+    assert (DATA / "detector.onnx").stat().st_size < 0.6e6
 
 
 @pytest.mark.parametrize("clip", CLIPS)

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 DATA = Path(__file__).parents[1] / "aam" / "data"
+SAMPLES = Path(__file__).parents[1] / "sample_videos"
 PEOPLE, PICTURES_PER_PERSON, HAND_PEOPLE = 1200, 30, 120
 RENDERED_ONLY_BATCHES, FACE_BATCHES, PARSING_BATCHES, DETECTOR_BATCHES = 6000, 40_000, 20_000, 6850
 LANDMARK_BATCHES, LANDMARK_BATCH = 7000, 128
@@ -63,7 +64,9 @@ def command(module: str, *flags: str, **values: object) -> tuple[str, ...]:
 def options(**values: object) -> tuple[str, ...]:
     """As words of a command line: "--first-weights", "face.pt" for first_weights="face.pt"."""
     return tuple(
-        word for name, value in values.items() for word in (f"--{name.replace('_', '-')}", str(value))
+        word
+        for name, value in values.items()
+        for word in (f"--{name.replace('_', '-')}", *map(str, value if isinstance(value, list) else [value]))
     )
 
 
@@ -226,6 +229,10 @@ class Plan:
             steps=self._sized(DETECTOR_BATCHES),
         )
         yield Task("detector", [train], detector / "detector.onnx")
+        rounded = self.work / "detector.onnx"
+        clips = [*(self.data / "real").glob("g*_*.m*"), *SAMPLES.glob("*/talk2.mp4")]
+        made = command("round_detector", network=detector / "detector.onnx", clips=clips, out=rounded)
+        yield Task("rounded detector", [made], rounded)
         parts, audit = self.work / "audit parts", self.work / "audit"
         people = self._sized(AUDIT_PEOPLE, 40)
         render = self._rendering(parts, FIRST_AUDIT, people, per_person=PICTURES_PER_AUDIT)
@@ -293,7 +300,7 @@ class Plan:
             refined / "face.md": DATA / "face.md",
             self.work / "head" / "head.onnx": DATA / "head.onnx",
             self.work / "head" / "head.md": DATA / "head.md",
-            self.work / "detector" / "detector.onnx": DATA / "detector.onnx",
+            self.work / "detector.onnx": DATA / "detector.onnx",
             self.work / "audit" / "audit.onnx": DATA / "audit.onnx",
             self.work / "recognition.npz": DATA / "recognition.npz",
             self.work / "placement.npz": DATA / "placement.npz",

@@ -28,7 +28,7 @@ def load_shipped(net: LandmarkNet, path: Path, crops: U8) -> None:
     What the file does not hold, as the points of `face.onnx`, keeps the weights it has.
     """
     graph = onnx.load(path).graph
-    values = _values(graph)
+    values = values_of(graph)
     state = net.state_dict()
     for name in set(values) & set(state):
         state[name].copy_(torch.from_numpy(values[name].copy()))
@@ -37,7 +37,7 @@ def load_shipped(net: LandmarkNet, path: Path, crops: U8) -> None:
     for node in graph.node:
         if node.op_type == "Conv" and not node.name.startswith("face/"):  # which `face_head.py` has added
             weight, bias = (torch.from_numpy(values[name].copy()) for name in node.input[1:3])
-            filled.append(_fill(modules, module_name(node.name), weight, bias))
+            filled.append(fill(modules, module_name(node.name), weight, bias))
     _unfold(net, torch.from_numpy(crops), [module for module in filled if module is not None])
 
 
@@ -56,8 +56,8 @@ def module_name(node: str) -> str:
     return ".".join(names)
 
 
-def _values(graph: Any) -> dict[str, F32]:
-    """Initialisers as float, by the name they have in the network before quantisation."""
+def values_of(graph: Any) -> dict[str, F32]:
+    """Initialisers of an ONNX graph as float, by the name they have in the network before quantisation."""
     raw = {tensor.name: numpy_helper.to_array(tensor) for tensor in graph.initializer}
     found = {name: value for name, value in raw.items() if value.dtype == np.float32}
     for node in graph.node:
@@ -71,7 +71,7 @@ def _values(graph: Any) -> dict[str, F32]:
     return {name.removeprefix("net."): value for name, value in found.items()} | found
 
 
-def _fill(modules: dict[str, nn.Module], name: str, weight: Tensor, bias: Tensor) -> nn.Module | None:
+def fill(modules: dict[str, nn.Module], name: str, weight: Tensor, bias: Tensor) -> nn.Module | None:
     """Set a convolution; its bias goes to the normalisation behind it, if it has none of its own, which is returned."""
     with torch.no_grad():
         convolution = modules[name]

@@ -3,9 +3,9 @@
     python -m training.train_detector --parts PARTS [--real DATA] --output OUT
 
 PARTS holds what `render_people.py` wrote; DATA is the folder with `pairs/london` and `real`, of which the pictures that
-may be trained on are used. OUT gets `detector.onnx`, `curves.csv` and the weights. The same seed and data give the same
-scenes in the same order, and --resume goes on where a run was interrupted. PyTorch is needed here only
-(`pip install "guise-video[train]"`).
+may be trained on are used. OUT gets `detector.onnx`, which `round_detector.py` rounds to 8 bits, `curves.csv` and the
+weights. The same seed and data give the same scenes in the same order, and --resume goes on where a run was
+interrupted. PyTorch is needed here only (`pip install "guise-video[train]"`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -27,13 +26,13 @@ import numpy as np
 import onnx
 import torch
 import torch.nn.functional as F
-from onnx import numpy_helper
 from torch import Tensor, nn
 from torch.utils.data import DataLoader, IterableDataset
 
 from guise.common.arrays import F32
 from training.backgrounds import faceless_photos
 from training.data import load_parts
+from training.dequantise import fill, module_name, values_of
 from training.detector_net import STRIDES, UNIT, DetectorNet
 from training.scenes import SIZE, Scene, Scenes, real_people
 
@@ -175,41 +174,12 @@ def load(net: DetectorNet, path: Path) -> None:
     if path.suffix == ".pt":
         net.load_state_dict(torch.load(path, weights_only=True))
         return
-    model: onnx.ModelProto = onnx.load(path)
-    values = {
-        one.name: torch.from_numpy(numpy_helper.to_array(one).copy()) for one in model.graph.initializer
-    }
-    stored = iter([node.input[1:] for node in model.graph.node if node.op_type == "Conv"])
-    for convolution, norm in _in_order(net):
-        weight, bias = (values[name] for name in next(stored))
-        convolution.weight.data.copy_(weight)
-        if norm is None:
-            assert convolution.bias is not None
-            convolution.bias.data.copy_(bias)
-        else:
-            norm.bias.data.copy_(bias)
-            torch.nn.init.constant_(norm.running_var, 1 - norm.eps)
-
-
-@torch.no_grad()
-def _in_order(net: DetectorNet) -> list[tuple[nn.Conv2d, nn.BatchNorm2d | None]]:
-    """The convolutions in the order in which they run, each with the normalisation that follows it."""
-    ran: list[nn.Module] = []
-    kinds = (nn.Conv2d, nn.BatchNorm2d)
-    hooks = [
-        one.register_forward_hook(lambda module, *_: ran.append(module))
-        for one in net.modules()
-        if isinstance(one, kinds)
-    ]
-    net.eval()(torch.zeros(1, SIZE, SIZE, 3, dtype=torch.uint8))
-    for hook in hooks:
-        hook.remove()
-    after = dict(pairwise([*ran, nn.Identity()]))
-    return [
-        (one, follower if isinstance(follower := after[one], nn.BatchNorm2d) else None)
-        for one in ran
-        if isinstance(one, nn.Conv2d)
-    ]
+    graph, modules = onnx.load(path).graph, dict(net.named_modules())
+    values = values_of(graph)
+    for node in graph.node:
+        if node.op_type == "Conv":
+            weight, bias = (torch.from_numpy(values[name].copy()) for name in node.input[1:3])
+            fill(modules, module_name(node.name), weight, bias)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
 """The built-in face detector: a small network that ships with the package.
 
-`aam/data/detector.onnx` is made by `training/train_detector.py` (`aam/data/detector.md` has data, licence and
-figures). For cells of 8, 16 and 32 pixels it gives how likely the centre of a face is there, and the box.
+`aam/data/detector.onnx` is made by `training/train_detector.py` and rounded to 8 bits by `round_detector.py` there
+(`aam/data/detector.md` has data, licence and figures). For cells of 8, 16 and 32 pixels it gives how likely the centre
+of a face is there, and the box.
 
 Boxes are ``x0 y0 x1 y1`` float32 pixels of the given picture, pixel centres at integers, largest first: the tight box
 of the 68 iBUG points, also where it reaches beyond the picture's edge. Images are RGB (h, w, 3) or grey (h, w), uint8.
