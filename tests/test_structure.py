@@ -12,6 +12,7 @@ sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are part of th
 from benchmarks import structure
 from benchmarks.structure import BUDGETS, Number
 from guise.aam.model import Identity
+from guise.common.kernels import COMPILED
 from guise.app.drawing.donor import Donor
 
 CODE = """
@@ -45,6 +46,8 @@ def figures() -> dict[str, float]:
 @pytest.mark.parametrize("name", BUDGETS)
 @pytest.mark.slow
 def test_a_budget_holds(name: str, figures: dict[str, float]) -> None:
+    if name == "calls" and COMPILED is None:
+        pytest.skip("the twins of the kernels make more calls")
     assert 0 <= figures[name] <= BUDGETS[name].held, BUDGETS[name].what
 
 
