@@ -12,8 +12,8 @@ sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are part of th
 from benchmarks import structure
 from benchmarks.structure import BUDGETS, Number
 from guise.aam.model import Identity
-from guise.common.kernels import COMPILED
 from guise.app.drawing.donor import Donor
+from guise.common.kernels import COMPILED
 
 CODE = """
 from dataclasses import dataclass
