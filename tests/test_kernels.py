@@ -315,7 +315,9 @@ def test_energies(seed: int, sigma: float, box: int) -> None:
         def arguments(more: tuple[int, ...] = more) -> tuple[Any, ...]:
             return picture, places, sigma, *more, np.zeros(len(places), np.float32)
 
-        assert_alike(both(name, arguments, (3 + len(more),)), 0.5)
+        # where a level is rounded the other way, a gradient changes by up to 3 / 8 of a level
+        made = both(name, arguments, (3 + len(more),))
+        assert_alike([[np.sqrt(energies), count] for energies, count in made], 0.5)
 
 
 @compiled

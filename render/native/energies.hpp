@@ -4,10 +4,10 @@
 struct Patches {
     Array<const u8> picture;
     i64 reach, side;
-    float *values;  // (side, side)
+    float *values;  // (side, side), and some more that may be read
 
     Patches(Array<const u8> picture, i64 reach)
-        : picture(picture), reach(reach), side(2 * reach + 1), values(memory<141, float>(side * side)) {}
+        : picture(picture), reach(reach), side(2 * reach + 1), values(memory<141, float>(side * side + 8)) {}
 
     // The patch about the pixel nearest to a place, or none.
     bool read(float place_x, float place_y) const {
@@ -37,30 +37,27 @@ inline void check_energies(Array<const u8> picture, Array<const float> places, d
     require(sigma > 0 && sigma < 8, "sigma must be positive, and less than 8 pixels");
 }
 
+// Four sums of values at steps about them, by a Gaussian's weights.
+inline F4 blurred(const float *at, i64 step, const float *weights, i64 reach) {
+    F4 sum = F4(weights[reach]) * F4::load(at);
+    for (i64 k = 1; k <= reach; ++k) sum = sum + F4(weights[reach + k]) * (F4::load(at - step * k) + F4::load(at + step * k));
+    return sum;
+}
+
 i64 gradient_at(Array<const u8> picture, Array<const float> places, double sigma, Array<float> energies) {
     check_energies(picture, places, sigma, energies);
     const i64 blur = gaussian_reach(sigma), side = 2 * blur + 3;
-    float *weights = memory<142, float>(2 * blur + 1), *lines = memory<143, float>(3 * side);
+    float *weights = memory<142, float>(2 * blur + 1), *lines = memory<143, float>(4 * side);
     gaussian_weights(sigma, blur, weights);
     const Patches patches(picture, blur + 1);
     i64 count = 0;
     for (i64 n = 0; n < places.shape[0]; ++n) {
         if (!patches.read(places.data[2 * n], places.data[2 * n + 1])) continue;
+        for (i64 j = 0; j < side; ++j) blurred(patches.values + side * j + blur, 1, weights, blur).store(lines + 4 * j);
+        float levels[12];
+        for (i64 j = 0; j < 3; ++j) blurred(lines + 4 * (blur + j), 4, weights, blur).store(levels + 4 * j);
         i32 luma[9];  // whole levels of the pixel and those about it
-        for (i64 j = 0; j < side; ++j) {
-            for (i64 x = 0; x < 3; ++x) {
-                const float *at = patches.values + side * j + blur + x;
-                float smooth = weights[blur] * at[0];
-                for (i64 k = 1; k <= blur; ++k) smooth += weights[blur + k] * (at[-k] + at[k]);
-                lines[3 * j + x] = smooth;
-            }
-        }
-        for (i64 k = 0; k < 9; ++k) {
-            const float *at = lines + 3 * blur + k;
-            float smooth = weights[blur] * at[0];
-            for (i64 j = 1; j <= blur; ++j) smooth += weights[blur + j] * (at[-3 * j] + at[3 * j]);
-            luma[k] = nearest(smooth);
-        }
+        for (i64 k = 0; k < 9; ++k) luma[k] = nearest(levels[4 * (k / 3) + k % 3]);
         const i32 *l = luma;
         const i32 along = (l[2] - l[0]) + 2 * (l[5] - l[3]) + (l[8] - l[6]);
         const i32 down = (l[6] - l[0]) + 2 * (l[7] - l[1]) + (l[8] - l[2]);
@@ -73,7 +70,8 @@ i64 grain_at(Array<const u8> picture, Array<const float> places, double sigma, i
     check_energies(picture, places, sigma, energies);
     require(box > 0 && box < 100 && box % 2 == 1, "box must be odd, and less than 100 pixels");
     const i64 blur = gaussian_reach(sigma), reach = blur + box / 2, side = 2 * reach + 1;
-    float *weights = memory<142, float>(2 * blur + 1), *lines = memory<143, float>(side * box);
+    const i64 wide = (box + 3) / 4 * 4;  // what lies beyond the box does not count
+    float *weights = memory<142, float>(2 * blur + 1), *lines = memory<143, float>(side * wide + wide), *sums = lines + side * wide;
     gaussian_weights(sigma, blur, weights);
     const Patches patches(picture, reach);
     i64 count = 0;
@@ -81,21 +79,18 @@ i64 grain_at(Array<const u8> picture, Array<const float> places, double sigma, i
         if (!patches.read(places.data[2 * n], places.data[2 * n + 1])) continue;
         for (i64 j = 0; j < side; ++j) {
             const float *line = patches.values + side * j + blur;
-            float *out = lines + box * j;
-            for (i64 x = 0; x < box; ++x) out[x] = weights[blur] * line[x];
-            for (i64 k = 1; k <= blur; ++k) {
-                for (i64 x = 0; x < box; ++x) out[x] += weights[blur + k] * (line[x - k] + line[x + k]);
+            for (i64 x = 0; x < wide; x += 4) blurred(line + x, 1, weights, blur).store(lines + wide * j + x);
+        }
+        for (i64 x = 0; x < wide; x += 4) {
+            F4 sum(0.0f);
+            for (i64 y = blur; y < blur + box; ++y) {
+                const F4 band = F4::load(patches.values + side * y + blur + x) - blurred(lines + wide * y + x, wide, weights, blur);
+                sum = sum + band * band;
             }
+            sum.store(sums + x);
         }
         float total = 0;
-        for (i64 y = 0; y < box; ++y) {
-            const float *line = lines + box * (y + blur), *at = patches.values + side * (y + blur) + blur;
-            for (i64 x = 0; x < box; ++x) {
-                float smooth = weights[blur] * line[x];
-                for (i64 k = 1; k <= blur; ++k) smooth += weights[blur + k] * (line[x - box * k] + line[x + box * k]);
-                total += (at[x] - smooth) * (at[x] - smooth);
-            }
-        }
+        for (i64 x = 0; x < box; ++x) total += sums[x];
         energies.data[count++] = total / float(box * box);
     }
     return count;
