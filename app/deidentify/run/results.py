@@ -61,7 +61,7 @@ def report_of(case: Case, names: tuple[str, str], output: Path, seconds: float) 
 
 
 def renderers_of(renders: Sequence[dict[str, Any]]) -> str:
-    """What drew the faces of the jobs; several where machines differ, whose pictures do by 1/255 at most."""
+    """What drew the faces of the jobs; several where machines differ, whose drawings are rounded differently."""
     return " and ".join(dict.fromkeys(job["renderer"] for job in renders if job["renderer"]))
 
 
