@@ -6,7 +6,8 @@
 # People and settings are kept in /home/guise: add -v guise-home:/home/guise to keep them.  Faces are drawn by the
 # processor.  The studio and `guise live` want a browser, a camera and a screen: install Guise on the computer itself.
 
-FROM python:3.12-slim AS build
+# With a C++ compiler, which the slim image below lacks.
+FROM python:3.12 AS build
 WORKDIR /source
 COPY pyproject.toml setup.py README.md LICENSE ./
 COPY guise guise
