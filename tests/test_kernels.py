@@ -385,8 +385,10 @@ def test_arrays_that_do_not_fit_are_refused() -> None:
         1.0,
         bytes_,
     ]
-    with pytest.raises(ValueError, match="argument 2 must hold its entries side by side"):
+    arguments[6] = np.zeros((4, 8, 3), np.uint8)[:, ::2]
+    with pytest.raises(ValueError, match="argument 7 must hold its entries side by side"):
         COMPILED.composite(*arguments)
+    arguments[6] = bytes_
     arguments[1] = np.zeros((4, 4), np.float32)
     with pytest.raises(TypeError, match="argument 2 has the wrong type"):
         COMPILED.composite(*arguments)
@@ -402,6 +404,20 @@ def test_arrays_that_do_not_fit_are_refused() -> None:
     arguments[6] = read_only
     with pytest.raises((ValueError, BufferError), match="read-only"):
         COMPILED.composite(*arguments)
+
+
+@compiled
+def test_inputs_in_pieces_and_of_the_other_width_are_copied() -> None:
+    rng = np.random.default_rng(0)
+    base, factors = rng.uniform(0, 255, (2, 30))[:, ::2], np.ones(10)[::2]
+    matrix = rng.normal(0, 1, (15, 8)).astype(np.float16).T[::2]
+    away = np.ones(4)
+    made, whole = np.empty(15, np.float32), np.empty(15, np.float32)
+    COMPILED.expressed(base[0], matrix, away, factors, made)
+    floats = (np.ascontiguousarray(one, np.float32) for one in (base[0], away, factors))
+    first, second, third = floats
+    COMPILED.expressed(first, np.ascontiguousarray(matrix), second, third, whole)
+    np.testing.assert_array_equal(made, whole)
 
 
 def run(choice: str, code: str) -> subprocess.CompletedProcess[str]:

@@ -67,7 +67,7 @@ def test_rough_points_become_those_that_look_like_a_templates(
         np.mean([np.linalg.norm(np.subtract(one[name], good[name])) for name in FEATURE_POINT_NAMES])
         for one in (rough, made)
     )
-    assert after < 0.8 * before  # what is good was detected, and not exact either
+    assert after < 0.85 * before  # what is good was detected, and not exact either
 
 
 def test_vertices_of_feature_points_are_those_of_the_file(

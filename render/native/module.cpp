@@ -22,13 +22,17 @@ using guise::Kernels;
 
 const Kernels *active = nullptr;
 
-template <class T> const char *formats();
-template <> const char *formats<guise::u8>() { return "B?"; }
-template <> const char *formats<guise::u16>() { return "He"; }
-template <> const char *formats<guise::i32>() { return "il"; }
-template <> const char *formats<i64>() { return "lq"; }
-template <> const char *formats<float>() { return "f"; }
-template <> const char *formats<double>() { return "d"; }
+// The letters of a type, and of those that are converted into it.
+struct Letters {
+    const char *same, *near, *name;
+};
+template <class T> Letters letters();
+template <> Letters letters<guise::u8>() { return {"B?", "", "u1"}; }
+template <> Letters letters<guise::u16>() { return {"He", "", ""}; }
+template <> Letters letters<guise::i32>() { return {"il", "ilq", "i4"}; }
+template <> Letters letters<i64>() { return {"lq", "ilq", "i8"}; }
+template <> Letters letters<float>() { return {"f", "fd", "f4"}; }
+template <> Letters letters<double>() { return {"d", "fd", "f8"}; }
 
 struct Failed {};  // Python's error is set
 
@@ -43,6 +47,7 @@ template <class T> struct Given<Array<T>> {
         const int flags = std::is_const_v<T> ? PyBUF_RECORDS_RO : PyBUF_RECORDS;
         if (PyObject_GetBuffer(object, &buffer, flags) != 0) throw Failed{};
         try {
+            if (std::is_const_v<T> && !fits()) copy(object);
             read(place);
         } catch (...) {
             PyBuffer_Release(&buffer);
@@ -52,11 +57,43 @@ template <class T> struct Given<Array<T>> {
     Given(const Given &) = delete;
     ~Given() { PyBuffer_Release(&buffer); }
 
+    using Plain = std::remove_const_t<T>;
+
+    bool is(const char *allowed) const {
+        const char *format = buffer.format;
+        return format && format[0] && format[1] == 0 && std::string(allowed).find(format[0]) != std::string::npos;
+    }
+    bool is_same() const { return is(letters<Plain>().same) && buffer.itemsize == sizeof(T); }
+
+    // Whether it can be read as it is: whole, or by rows of bytes, as those of a part of a picture.
+    bool fits() const {
+        if (!is_same()) return false;
+        Py_ssize_t inner = sizeof(T);
+        for (int axis = buffer.ndim - 1; axis >= (sizeof(T) == 1 ? 1 : 0); --axis) {
+            if (buffer.shape[axis] > 1 && buffer.strides[axis] != inner) return false;
+            inner *= buffer.shape[axis];
+        }
+        return true;
+    }
+
+    // An array of other numbers of the kind, or whose entries do not lie side by side, is copied.
+    void copy(PyObject *object) {
+        const Letters of = letters<Plain>();
+        if (!is_same() && !is(of.near)) return;
+        PyObject *numpy = PyImport_ImportModule("numpy");
+        PyObject *made = numpy ? PyObject_CallMethod(numpy, "array", "Os", object, of.name[0] ? of.name : "f2") : nullptr;
+        PyObject *whole = made ? PyObject_CallMethod(numpy, "ascontiguousarray", "O", made) : nullptr;
+        Py_XDECREF(numpy);
+        Py_XDECREF(made);
+        if (!whole) throw Failed{};
+        PyBuffer_Release(&buffer);
+        const int found = PyObject_GetBuffer(whole, &buffer, PyBUF_RECORDS_RO);  // which keeps it
+        Py_DECREF(whole);
+        if (found != 0) throw Failed{};
+    }
+
     void read(int place) {
-        using Plain = std::remove_const_t<T>;
-        const std::string allowed = formats<Plain>();
-        const bool fits = buffer.format && buffer.format[1] == 0 && allowed.find(buffer.format[0]) != std::string::npos;
-        if (!fits || buffer.itemsize != sizeof(T) || buffer.ndim < 1 || buffer.ndim > 4) {
+        if (!is_same() || buffer.ndim < 1 || buffer.ndim > 4) {
             PyErr_Format(PyExc_TypeError, "argument %d has the wrong type of numbers", place);
             throw Failed{};
         }
@@ -75,6 +112,7 @@ template <class T> struct Given<Array<T>> {
             value.stride = dense && axis == 0 ? inner / Py_ssize_t(sizeof(T)) : buffer.strides[0] / Py_ssize_t(sizeof(T));
             inner *= buffer.shape[axis];
         }
+        if (inner == 0) value.stride = value.shape[1] * value.shape[2] * value.shape[3];  // NumPy's says nothing
     }
 };
 
