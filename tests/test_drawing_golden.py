@@ -109,8 +109,10 @@ def test_every_instruction_set_draws_the_same_bytes(kind: str) -> None:
 @pytest.mark.skipif(COMPILED is None, reason="the twins are what runs here")
 def test_the_twins_draw_the_golden_frames_too() -> None:
     only = ("-q", "-n0", "-p", "no:cacheprovider", "-k", test_a_look_draws_its_golden_frames.__name__)
+    environment = os.environ | {"GUISE_KERNELS": "numpy"}
+    environment.pop("PYTEST_XDIST_WORKER", None)  # it is a run of its own, with folders of its own
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", __file__, *only], env=os.environ | {"GUISE_KERNELS": "numpy"},
+        [sys.executable, "-m", "pytest", __file__, *only], env=environment,
         cwd=Path(__file__).parents[1], capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout
