@@ -1,7 +1,7 @@
 """The compiled kernels of `render/native/`, and their NumPy twins where none are built.
 
 A twin is a function that is decorated with `kernel`: its name is the kernel's, and so is what it does.  Both are given
-the same arrays, C-contiguous but for the first axis of pictures, and write their results into them.  All instruction
+the same arrays and write their results into some of them, C-contiguous but for the first axis.  All instruction
 sets give the same bytes; a kernel and its twin differ by at most 1/255 in a picture and 1e-3 pixels in places.
 
 The environment's GUISE_KERNELS chooses: `numpy` for the twins, or one of the compiled sets, by default the best.
