@@ -237,6 +237,26 @@ def test_upright_crop(seed: int, parts: int, side: float, turn: float) -> None:
 
 
 @compiled
+@settings(max_examples=40, deadline=None)
+@given(seeds, st.floats(20, 400), st.floats(-4, 4), st.integers(0, 1), st.integers(0, 1))
+def test_upright_planes(seed: int, side: float, turn: float, shift_x: int, shift_y: int) -> None:
+    rng = np.random.default_rng(seed)
+    size = rng.integers(200, 300, 2)
+    luma = rng.integers(0, 256, size, np.uint8)
+    first, second = rng.integers(0, 256, (2, *(-(-size // (1 << np.array([shift_y, shift_x]))))), np.uint8)
+    to_picture = crop_to_picture(rng.uniform(60, 200, 2), side, turn, (SIZE, SIZE))
+    to_chroma = np.array([1 / (1 << shift_x), 1 / (1 << shift_y), shift_x / 2, shift_y / 2])
+    to_rgb = np.array(
+        [[0, 0, 1, 0], [0.8, 0, 0, 20], [0, 1, 0, -3]], np.float32
+    )  # so that they are told apart
+
+    def arguments() -> tuple[Any, ...]:
+        return luma, first, second, to_chroma, to_rgb, to_picture, np.zeros((SIZE, SIZE, 3), np.uint8)
+
+    assert_alike(both("upright_planes", arguments, (6,)), MOST_LEVELS)
+
+
+@compiled
 @settings(max_examples=30, deadline=None)
 @given(seeds, st.booleans(), st.floats(0, 4))
 def test_transfer_shape(seed: int, learned: bool, noise: float) -> None:

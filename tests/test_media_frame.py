@@ -44,6 +44,19 @@ def stored(frame: Frame) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("orientation", ORIENTATIONS, ids=str)
 @pytest.mark.parametrize("fmt", SHALLOW_FORMATS)
+def test_shown_planes_have_what_a_rectangle_has(fmt: str, orientation: Orientation) -> None:
+    frame = noise_frame(fmt, orientation=orientation)
+    planes = frame.shown_planes()
+    assert planes is not None
+    luma, first, second, (across, down, left, top) = planes
+    rows = np.rint((np.arange(frame.height)[:, None] - top) * down).astype(int) % len(first)
+    columns = np.rint((np.arange(frame.width) - left) * across).astype(int) % first.shape[1]
+    whole = frame.read_roi(0, 0, frame.width, frame.height)
+    np.testing.assert_array_equal(whole, np.dstack([luma, first[rows, columns], second[rows, columns]]))
+
+
+@pytest.mark.parametrize("orientation", ORIENTATIONS, ids=str)
+@pytest.mark.parametrize("fmt", SHALLOW_FORMATS)
 def test_unmodified_round_trip_is_bit_identical(fmt: str, orientation: Orientation) -> None:
     frame = noise_frame(fmt, orientation=orientation)
     before = stored(frame)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from guise.aam.landmarks.builtin import SIZE, cut
+from guise.aam.landmarks.builtin import SIZE, cut, upright_crop
 from guise.aam.landmarks.crops import crop_to_picture, upright_square
 from guise.aam.landmarks.rolls import upward
 from guise.aam.parsing import FaceClass, FaceParsing, Parsed, Parser, Parsing
@@ -19,6 +19,7 @@ from guise.aam.relief import STRAIGHT
 from guise.aam.solid_shape import HeadPose, Sight
 from guise.app.media import Frame
 from guise.common.arrays import F32, F64, U8, Floating
+from guise.common.kernels import kernel
 from guise.common.tuned import tuned
 
 NOWHERE: F64 = np.zeros((0, 2))
@@ -204,8 +205,34 @@ def parse_frame(parser: Parser[Parsed], frame: Frame, shape: F64) -> Parsed:
     to_picture = crop_to_picture(centre, side, turn, (SIZE, SIZE))
     corners = np.array([[0, 0], [SIZE, 0], [0, SIZE], [SIZE, SIZE]]) - 0.5
     reached = corners @ to_picture[:, :2].T + to_picture[:, 2]
-    x0, y0, w, h = frame.align_roi(*(np.minimum.reduce(reached) - 1), *(np.maximum.reduce(reached) + 2))
+    low, high = np.minimum.reduce(reached), np.maximum.reduce(reached)
+    planes, margin = frame.shown_planes(), 2 * side / SIZE + 4
+    if (
+        planes is not None
+        and (low > margin).all()
+        and (high < (frame.width - margin, frame.height - margin)).all()
+    ):
+        crop = np.empty((SIZE, SIZE, 3), np.uint8)
+        upright_planes(*planes, frame.colour.to_rgb, to_picture, crop)
+        return parser.of_crop(crop, to_picture)
+    x0, y0, w, h = frame.align_roi(*(low - 1), *(high + 2))
     if w < 2 or h < 2:
         return parser.of_crop(np.zeros((SIZE, SIZE, 3), np.uint8), to_picture)
     crop, _ = cut(frame.rgb_roi(x0, y0, w, h), centre - (x0, y0), side, turn)
     return parser.of_crop(crop, to_picture)
+
+
+@kernel
+def upright_planes(
+    luma: U8, first: U8, second: U8, to_chroma: F64, to_rgb: F32, to_picture: F64, crop: U8
+) -> None:
+    """Cut a part, which lies within, out of a picture of brightness (h, w) and chroma (i, j), as RGB.
+
+    to_chroma : (4,) scales of places, after the last two are taken off.   to_rgb : (3, 4) of the components.
+    to_picture : (2, 3) similarity from the pixels of the crop to the picture's.   crop : (y, x, 3), which is written.
+    """
+    to_cells, parts = (to_picture - [[0, 0, to_chroma[2]], [0, 0, to_chroma[3]]]) * to_chroma[:2, None], []
+    for plane, place in ((luma, to_picture), (first, to_cells), (second, to_cells)):
+        upright_crop(plane[..., None], place, crop)
+        parts.append(crop[..., 0].copy())
+    crop[:] = cv2.transform(cv2.merge(parts), to_rgb)

@@ -68,6 +68,9 @@ class DeepFrame(Frame):
         self._check(x0, y0, w, h)
         return _bytes(self._look.shown(self._read_stored(x0, y0, w, h)))
 
+    def shown_planes(self) -> None:
+        """None: they have more bits."""
+
     def _read_stored(self, x0: int, y0: int, w: int, h: int) -> F32:
         """A rectangle of stored components (h, w, 3) in units of 8 bits, chroma replicated."""
         luma, *chroma = self._shown_planes()

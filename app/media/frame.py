@@ -268,6 +268,19 @@ class Frame:
             return np.array(self.orientation.view(self._rgb)[y0 : y0 + h, x0 : x0 + w], order="C")
         return np.asarray(cv2.transform(self.read_roi(x0, y0, w, h), self.colour.to_rgb), np.uint8)
 
+    def shown_planes(self) -> tuple[Plane, Plane, Plane, NDArray[np.float64]] | None:
+        """Brightness and chroma (h, w) of 8 bits, and from pixels to chroma's: scales, then what is taken off before.
+
+        None if the picture has no such planes: RGB, and deeper ones.
+        """
+        if self._rgb is not None:
+            return None
+        luma, *chroma = (side_by_side(plane) for plane in self._shown_planes())
+        first, second = chroma or (_GREY, _GREY)
+        steps = [1 << shift for shift in self._shift]
+        before = [(step - 1) / 2 - self._grid(axis)[2] for axis, step in enumerate(steps)]
+        return luma, first, second, np.array([1 / steps[0], 1 / steps[1], *before])
+
     def rgb(self) -> Plane:
         """A copy of the whole picture as RGB, (height, width, 3) uint8; too slow for every frame of a video."""
         return self.rgb_roi(0, 0, self.width, self.height)

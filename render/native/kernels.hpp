@@ -39,6 +39,7 @@ namespace guise {
     K(transfer_shape) \
     K(upright_box) \
     K(upright_crop) \
+    K(upright_planes) \
 
 // Each has a NumPy twin of the same name, which says what it does: look for `@kernel` in the Python code.
 struct Kernels {
@@ -118,6 +119,9 @@ struct Kernels {
                            Array<const double> limits, Array<double> made);
     void (*upright_box)(Array<const double> points, Array<const i64> eyes, Array<double> made);
     void (*upright_crop)(Array<const u8> picture, Array<const double> to_picture, Array<u8> crop);
+    void (*upright_planes)(Array<const u8> luma, Array<const u8> first, Array<const u8> second,
+                           Array<const double> to_chroma, Array<const float> to_rgb, Array<const double> to_picture,
+                           Array<u8> crop);
 };
 
 // Null where the compiler or the processor lacks the instruction set.

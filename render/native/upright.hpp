@@ -80,13 +80,13 @@ struct Blocks {
     bool holds(float x, float y) const { return x > 0 && y > 0 && x < float(width - 1) - 0.01f && y < float(height - 1) - 0.01f; }
 
     // Colours of a row of places, which begins at one and goes on by steps; within the blocks as grey, or in colour.
-    void greys(float x, float y, float step_x, float step_y, i64 count, u8 *out) const {
+    template <int Copies> void greys(float x, float y, float step_x, float step_y, i64 count, u8 *out) const {
         constexpr i64 SIDE = 64;
         float along[SIDE], down[SIDE];
         i32 places[SIDE];
         u16 upper[SIDE], lower[SIDE];
         const int across = int(width);
-        for (i64 start = 0; start < count; start += SIDE, out += 3 * SIDE) {
+        for (i64 start = 0; start < count; start += SIDE, out += Copies * SIDE) {
             const int some = int(std::min(SIDE, count - start));
             for (int k = 0; k < some; ++k) {
                 const float u = x + step_x * float(int(start) + k), v = y + step_y * float(int(start) + k);
@@ -101,7 +101,9 @@ struct Blocks {
                 const float first = a + (b - a) * along[k], second = c + (d - c) * along[k];
                 places[k] = nearest(first + (second - first) * down[k]);
             }
-            for (int k = 0; k < some; ++k) out[3 * k] = out[3 * k + 1] = out[3 * k + 2] = u8(places[k]);
+            for (int k = 0; k < some; ++k) {
+                for (int c = 0; c < Copies; ++c) out[Copies * k + c] = u8(places[k]);
+            }
         }
     }
     void colours(float x, float y, float step_x, float step_y, i64 count, u8 *out) const {
@@ -121,24 +123,20 @@ struct Blocks {
         const std::uint32_t last = at(int(count) - 1);
         std::memcpy(out, &last, 3);
     }
-    void row(float x, float y, float step_x, float step_y, i64 count, u8 *out) const {
+    template <int Copies> void row(float x, float y, float step_x, float step_y, i64 count, u8 *out) const {
         if (holds(x, y) && holds(x + step_x * float(count - 1), y + step_y * float(count - 1))) {
-            parts == 1 ? greys(x, y, step_x, step_y, count, out) : colours(x, y, step_x, step_y, count, out);
+            parts == 1 ? greys<Copies>(x, y, step_x, step_y, count, out) : colours(x, y, step_x, step_y, count, out);
             return;
         }
-        for (i64 k = 0; k < count; ++k, out += 3) {
+        for (i64 k = 0; k < count; ++k, out += Copies) {
             const std::uint32_t word = colour(x + step_x * float(k), y + step_y * float(k));
-            std::memcpy(out, &word, 3);
+            std::memcpy(out, &word, Copies);
         }
     }
 };
 
-void upright_crop(Array<const u8> picture, Array<const double> to_picture, Array<u8> crop) {
-    const i64 height = crop.shape[0], width = crop.shape[1], parts = picture.shape[2];
-    require(picture.axes == 3 && (parts == 1 || parts == 3) && picture.size() > 0, "picture must be (h, w, 1) or (h, w, 3)");
-    require(to_picture.axes == 2 && to_picture.shape[0] == 2 && to_picture.shape[1] == 3 && to_picture.stride == 3, "to_picture must be (2, 3)");
-    require(crop.axes == 3 && crop.shape[2] == 3 && crop.size() > 0 && crop.stride == 3 * width, "crop must be (h, w, 3)");
-    const double *map = to_picture.data;
+// Out (h, w, copies): a crop of a picture of one part or of three, black beyond it; to_picture (2, 3) from its pixels.
+template <int Copies> void cut_upright(Array<const u8> picture, const double *map, i64 height, i64 width, u8 *out) {
     double low[2], high[2];
     for (int axis = 0; axis < 2; ++axis) {
         const double *row = map + 3 * axis, x = row[0] * double(width), y = row[1] * double(height);
@@ -158,6 +156,41 @@ void upright_crop(Array<const u8> picture, Array<const double> to_picture, Array
     }
     for (i64 y = 0; y < height; ++y) {
         const float at_x = local[0][1] * float(y) + local[0][2], at_y = local[1][1] * float(y) + local[1][2];
-        blocks.row(at_x, at_y, local[0][0], local[1][0], width, crop.data + 3 * y * width);
+        blocks.row<Copies>(at_x, at_y, local[0][0], local[1][0], width, out + Copies * y * width);
+    }
+}
+
+void upright_crop(Array<const u8> picture, Array<const double> to_picture, Array<u8> crop) {
+    const i64 height = crop.shape[0], width = crop.shape[1], parts = picture.shape[2];
+    require(picture.axes == 3 && (parts == 1 || parts == 3) && picture.size() > 0, "picture must be (h, w, 1) or (h, w, 3)");
+    require(to_picture.axes == 2 && to_picture.shape[0] == 2 && to_picture.shape[1] == 3 && to_picture.stride == 3, "to_picture must be (2, 3)");
+    require(crop.axes == 3 && crop.shape[2] == 3 && crop.size() > 0 && crop.stride == 3 * width, "crop must be (h, w, 3)");
+    cut_upright<3>(picture, to_picture.data, height, width, crop.data);
+}
+
+void upright_planes(Array<const u8> luma, Array<const u8> first, Array<const u8> second, Array<const double> to_chroma,
+                    Array<const float> to_rgb, Array<const double> to_picture, Array<u8> crop) {
+    const i64 height = crop.shape[0], width = crop.shape[1], n = height * width;
+    require(luma.axes == 2 && luma.size() > 0, "luma must be (h, w)");
+    require(first.axes == 2 && first.size() > 0 && second.axes == 2 && second.size() > 0, "chroma must be (h, w)");
+    require(to_chroma.axes == 1 && to_chroma.size() == 4 && to_chroma.stride == 1, "to_chroma must be (4,)");
+    require(to_rgb.axes == 2 && to_rgb.shape[0] == 3 && to_rgb.shape[1] == 4 && to_rgb.stride == 4, "to_rgb must be (3, 4)");
+    require(to_picture.axes == 2 && to_picture.shape[0] == 2 && to_picture.shape[1] == 3 && to_picture.stride == 3, "to_picture must be (2, 3)");
+    require(crop.axes == 3 && crop.shape[2] == 3 && n > 0 && crop.stride == 3 * width, "crop must be (h, w, 3)");
+    const double *map = to_picture.data, *to = to_chroma.data;
+    const double cells[] = {map[0] * to[0], map[1] * to[0], (map[2] - to[2]) * to[0],
+                            map[3] * to[1], map[4] * to[1], (map[5] - to[3]) * to[1]};
+    u8 *bright = memory<252, u8>(3 * n), *one = bright + n, *other = one + n;
+    cut_upright<1>(luma, map, height, width, bright);
+    cut_upright<1>(first, cells, height, width, one);
+    cut_upright<1>(second, cells, height, width, other);
+    i32 *made = memory<253, i32>(n);
+    for (int part = 0; part < 3; ++part) {
+        const float *row = to_rgb.row(part), a = row[0], b = row[1], c = row[2], d = row[3];
+        for (i64 k = 0; k < n; ++k) {
+            const float value = ((a * float(bright[k]) + b * float(one[k])) + c * float(other[k])) + d;
+            made[k] = nearest(std::min(std::max(value, 0.0f), 255.0f));
+        }
+        for (i64 k = 0; k < n; ++k) crop.data[3 * k + part] = u8(made[k]);
     }
 }
