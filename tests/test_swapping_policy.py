@@ -146,6 +146,24 @@ def test_a_bystander_who_rests_is_covered_between_two_sights() -> None:
     assert {*range(10, 21)} <= {*seen.spread(total=40, rate=30, cuts=[]).frames.tolist()}
 
 
+def test_a_face_that_is_followed_from_its_next_sight_on_was_no_bystander() -> None:
+    box, near = np.array([0, 0, 9, 9], np.float32), frames_within(LIMITS.near_seconds, 30)
+    one = (np.array([20], np.int32), box[None], *np.ones((2, 1), np.float32))
+    whole = {*range(20 - 18, 20 + 18 + 1)}
+    for frames, left in (
+        ([], whole),
+        ([22], {*range(20 - 18, 20 + near + 1)}),
+        ([18], {*range(20 - near, 20 + 18 + 1)}),
+        ([20, 22], whole),  # both are there at once
+        ([20 + near + 1], whole),
+    ):
+        followed = {frame: [box + 3] for frame in frames}
+        spread = Bystanders(*one, followed).spread(total=60, rate=30, cuts=[])
+        assert {*spread.frames.tolist()} == left
+    elsewhere = Bystanders(*one, {21: [box + 9]}).spread(total=60, rate=30, cuts=[])
+    assert {*elsewhere.frames.tolist()} == whole
+
+
 def test_without_bystanders_there_is_nothing_to_spread() -> None:
     none = Bystanders(np.zeros(0, np.int32), np.zeros((0, 4), np.float32), *np.zeros((2, 0), np.float32))
     assert len(none.spread(total=5, rate=30, cuts=[]).frames) == 0

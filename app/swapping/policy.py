@@ -18,7 +18,8 @@ are in seconds, so that they do not depend on the frame rate.
   of which every frame is searched, nothing is covered any more; at a camera, whose search lags behind, the whole
   picture is, until somebody who is known is found.  Where the future is known, as much is covered before a first sight.
 - A face that nobody follows, such as a bystander's, is covered where it is detected and for `unseen_seconds` after it
-  (before it, too, where the future is known); one that rests is covered where it was detected last.
+  (before it, too, where the future is known); one that rests is covered where it was detected last.  Where one that is
+  followed from then on, or was until then, is at its place, it was that one, which has its own cover.
 - What an audit of the result finds is covered for `near_seconds` before and after it.
 
 Boxes ``x0 y0 x1 y1`` of the 68 iBUG points, pixels as shown, x right, y down; turns in radians, clockwise.
@@ -26,8 +27,9 @@ Boxes ``x0 y0 x1 y1`` of the 68 iBUG points, pixels as shown, x right, y down; t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -352,14 +354,27 @@ def _distance(frames: NDArray[np.int32], known: NDArray[np.int32]) -> NDArray[np
     return np.asarray(np.minimum(np.abs(behind), np.abs(ahead)), np.int32)
 
 
+def boxes_by_frame(rows: Iterable[tuple[I32, F32]]) -> dict[int, list[F32]]:
+    """By frame, the boxes (4,) of rows of frames (n,) and boxes (n, 4)."""
+    found = defaultdict[int, list[F32]](list)
+    for frames, boxes in rows:
+        for frame, box in zip(frames.tolist(), boxes, strict=True):
+            found[frame].append(box)
+    return dict(found)
+
+
 @dataclass(frozen=True, eq=False)
 class Bystanders:
-    """Faces that are covered without being tracked: (n,) frames, ascending; (n, 4) boxes; (n,) scores; (n,) turns."""
+    """Faces that are covered without being tracked: (n,) frames, ascending; (n, 4) boxes; (n,) scores; (n,) turns.
+
+    followed : by frame, the boxes (4,) of the faces that are tracked, see `boxes_by_frame`.
+    """
 
     frames: NDArray[np.int32]
     boxes: F32
     scores: F32
     turns: F32
+    followed: Mapping[int, Sequence[F32]] = field(default_factory=dict)
 
     def spread(self, *, total: int, rate: float, cuts: Sequence[int]) -> Bystanders:
         """With the frames about each detection, as far as the shot goes; a frame may get the boxes of several."""
@@ -384,9 +399,19 @@ class Bystanders:
 
     def _reach(self, row: int, step: int, rate: float) -> int:
         """For how many frames after (step 1) or before (-1) a detection it is covered: up to the next at its place."""
+        near = frames_within(LIMITS.near_seconds, rate)
+        if any(self._is_followed(row, step * away) for away in range(1, near + 1)) and not self._is_followed(
+            row, 0
+        ):
+            return near
         most, at = max(1, frames_within(LIMITS.unseen_seconds, rate)), row + step
         while 0 <= at < len(self.frames) and (away := abs(int(self.frames[at] - self.frames[row]))) <= most:
             if away and iou(self.boxes[at], self.boxes[row]) > LIMITS.min_unmoved_iou:
-                return max(away - 1, frames_within(LIMITS.near_seconds, rate))
+                return max(away - 1, near)
             at += step
         return most
+
+    def _is_followed(self, row: int, later: int) -> bool:
+        """Whether a tracked face is at the place of a detection so many frames later."""
+        boxes = self.followed.get(int(self.frames[row]) + later, ())
+        return any(iou(box, self.boxes[row]) > LIMITS.min_same_iou for box in boxes)

@@ -48,6 +48,7 @@ from guise.app.swapping.policy import (
     Bystanders,
     FaceTreatment,
     TrackObservations,
+    boxes_by_frame,
     decide,
 )
 from guise.app.swapping.report import (
@@ -430,7 +431,8 @@ def _add_unknown(
     if casting.others == "leave" and settings.unsure == "leave":
         return
     seen = found.unknown
-    faces = Bystanders(seen.frames, seen.boxes, seen.scores, seen.turns)
+    followed = boxes_by_frame((person.frames, person.boxes) for person in found.people)
+    faces = Bystanders(seen.frames, seen.boxes, seen.scores, seen.turns, followed)
     if casting.others != "leave":
         faces = faces.spread(total=found.count, rate=rate, cuts=found.cuts)
     for frame, box, turn in zip(faces.frames.tolist(), faces.boxes, faces.turns.tolist(), strict=True):

@@ -45,6 +45,7 @@ from guise.app.swapping.policy import (
     Bystanders,
     Decision,
     TrackObservations,
+    boxes_by_frame,
     decide,
     frames_within,
 )
@@ -281,11 +282,12 @@ def things(case: Case) -> list[dict[str, Any]]:
 
 
 def _seen(case: Case) -> Bystanders:
-    """The detections of faces that are not tracked."""
+    """The detections of faces that are not tracked, and where the others are."""
     found = [case.found(k, points=False) for k in range(len(case.scan.segments))]
     return Bystanders(
         np.concatenate([f.bystander_frame for f in found]),
         np.concatenate([f.bystander_box for f in found]),
         np.concatenate([f.bystander_score for f in found]),
         np.concatenate([f.bystander_turn for f in found]),
+        boxes_by_frame((f.frame, f.box) for f in found),
     )
