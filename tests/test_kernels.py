@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
+import guise.aam.shape_filter
 import guise.app.drawing.plan  # noqa: F401, so that all kernels are known
 from guise.aam.irises import LIMITS
 from guise.aam.mask import beyond_mask
@@ -227,20 +228,21 @@ def test_tint_iris(seed: int, is_light: bool, lightens: bool, blur: float) -> No
 
 
 @compiled
-@settings(max_examples=30, deadline=None)
-@given(seeds, st.sampled_from([0.0, 0.4, 1.0]))
-def test_lay_band(seed: int, amount: float) -> None:
+@settings(max_examples=40, deadline=None)
+@given(seeds, st.sampled_from([0.0, 0.05, 0.4, 1.0]), st.floats(0.5, 6.0))
+def test_lay_skin(seed: int, amount: float, sigma: float) -> None:
     rng = np.random.default_rng(seed)
     height, width, rows, columns = (int(side) for side in rng.integers(3, 30, 4))
-    band = cv2.GaussianBlur(rng.normal(0, 30, (height, width)).astype(np.float32), (0, 0), 1.0)
-    cells = rng.uniform(-5, 5 + max(height, width), (rows, columns, 2)).astype(np.float32)
-    share = rng.random((2 * rows, 2 * columns)).astype(np.float32)
-    texture = rng.integers(0, 256, (4 * rows, 4 * columns, 3), np.uint8)
+    roi = cv2.resize(rng.integers(0, 256, (height, width, 3), np.uint8), None, fx=2, fy=2)
+    cells = rng.uniform(-5, 5 + 2 * max(height, width), (rows, columns, 2)).astype(np.float32)
+    share = rng.random((4 * rows, 4 * columns)).astype(np.float32)
+    texture = rng.integers(0, 256, (*share.shape, 3), np.uint8)
+    fold = float(rng.choice([3.0, 30.0]))
 
     def arguments() -> tuple[Any, ...]:
-        return band, cells, share, amount, texture.copy()
+        return roi, cells, share, sigma, fold, amount, texture.copy()
 
-    assert_alike(both("lay_band", arguments, (4,)), MOST_LEVELS)
+    assert_alike(both("lay_skin", arguments, (6,)), MOST_LEVELS)
 
 
 @compiled

@@ -19,8 +19,8 @@ namespace guise {
     K(grain_at) \
     K(judge_points) \
     K(keep_brow) \
-    K(lay_band) \
     K(lay_over) \
+    K(lay_skin) \
     K(lit) \
     K(merge_planes) \
     K(mesh_positions) \
@@ -72,9 +72,9 @@ struct Kernels {
                       Array<const float> end_weights, Array<const double> drawn, Array<const double> at_rest,
                       Array<const float> heights, Array<const float> columns, Array<const double> limits, i64 top,
                       i64 factor, Array<u8> picture);
-    void (*lay_band)(Array<const float> band, Array<const float> cells, Array<const float> share, double amount,
-                     Array<u8> picture);
     void (*lay_over)(Array<const float> own, Array<const float> share, double shown, Array<u8> picture);
+    void (*lay_skin)(Array<const u8> roi, Array<const float> cells, Array<const float> share, double sigma, double fold,
+                     double amount, Array<u8> picture);
     void (*lit)(Array<const float> texture, Array<const i64> pixels, i64 width, Array<const float> cells, double cell,
                 Array<const i64> in_parts, Array<const float> shares, Array<const float> parts,
                 Array<const float> to_stored, Array<float> planes);

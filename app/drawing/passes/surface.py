@@ -22,6 +22,7 @@ Pixels, x right, y down; grey levels 0..255.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -317,8 +318,9 @@ class OwnSkin:
         skin = cv2.GaussianBlur(skin_mask(reference).astype(np.float32), (0, 0), FEATHER * self._width)
         self._share = skin * (1 - soft_parts(reference, features, OWN.feature_growth_face_widths))
         self._share *= 1 - soft_parts(reference, (RIGHT_BROW, LEFT_BROW), BROW_REACH)
-        self._share = np.ascontiguousarray(self._share, np.float32)
         h, w = reference.size
+        self._share = np.ascontiguousarray(self._share, np.float32)
+        self._fine_share = np.asarray(cv2.resize(self._share, (2 * w, 2 * h)), np.float32)
         self._cells = -(-h // OWN.cell_grid_pixels), -(-w // OWN.cell_grid_pixels)
         axes = ((np.arange(n) + 0.5) * side / n - 0.5 for n, side in zip(self._cells, (h, w), strict=True))
         ys, xs = np.meshgrid(*axes, indexing="ij")
@@ -336,27 +338,52 @@ class OwnSkin:
 
         mesh : (81 + k, 2), where the texture is drawn, in the rectangle's pixels.   zoom : of these per grid pixel.
         """
-        luma = cv2.extractChannel(roi, 0).astype(np.float32)
         sigma = max(OWN.band_face_widths * self._width * zoom, 0.5)
-        luma -= cv2.GaussianBlur(luma, (0, 0), sigma)
-        energy = cv2.GaussianBlur(luma * luma, (0, 0), 2 * sigma)
-        luma *= cv2.exp(energy * (-0.5 / OWN.fold_grey_levels**2))
-        lay_band(luma, self._sampler.positions(mesh).reshape(*self._cells, 2), self._share, share, picture)
+        cells = self._sampler.positions(mesh).reshape(*self._cells, 2)
+        shares = self._share if len(picture) == len(self._share) else self._fine_share
+        lay_skin(roi, cells, shares, sigma, OWN.fold_grey_levels, share, picture)
 
 
 @kernel
-def lay_band(band: F32, cells: F32, share: F32, amount: float, picture: U8) -> None:
-    """Add a band of brightness (h, w) to a texture (h, w, 3), whose first is brightness, in place.
+def lay_skin(roi: U8, cells: F32, share: F32, sigma: float, fold: float, amount: float, picture: U8) -> None:
+    """Add the fine structure of a rectangle (y, x, 3) to a texture (h, w, 3), in place; brightness comes first.
 
-    cells : (h, w, 2) places in the band, stretched over the texture.
-    share, amount : (h, w), stretched alike, by how much of it is added, and how much of that.
+    cells : (i, j, 2) places in the rectangle, stretched over the texture.
+    share, amount : (h, w) by how much of it is added, and how much of that.
+    sigma : standard deviation, below which structure is fine, pixels.   fold : that of a fold, grey levels.
     """
-    size = picture.shape[1::-1]
-    places = cv2.resize(cells, size)
+    (h, w), side = roi.shape[:2], _blocks(2 * sigma)
+    luma = cv2.extractChannel(roi, 0).astype(np.float32)
+    luma = np.asarray(
+        cv2.copyMakeBorder(luma, 0, -h % side, 0, -w % side, cv2.BORDER_REFLECT_101), np.float32
+    )
+    band = luma - _stretched(_wide(luma, sigma), luma.shape)
+    folds = np.exp(_wide(band * band, 2 * sigma) * np.float32(-0.5 / fold**2))
+    band = (band * _stretched(folds, luma.shape))[:h, :w]
+    places = cv2.resize(cells, picture.shape[1::-1])
     band = cv2.remap(band, places, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
-    band *= np.float32(amount) * cv2.resize(share, size)
-    texture = cv2.add(cv2.extractChannel(picture, 0), band, dtype=cv2.CV_8U)
+    texture = cv2.add(cv2.extractChannel(picture, 0), np.float32(amount) * share * band, dtype=cv2.CV_8U)
     cv2.insertChannel(texture, picture, 0)
+
+
+def _blocks(sigma: float) -> int:
+    """Side of blocks, a power of two, whose means tell as much as pixels of what a Gaussian leaves."""
+    return 1 << min(max(math.floor(math.log2(sigma / 1.33)), 0), 6)
+
+
+def _wide(plane: F32, sigma: float) -> F32:
+    """A plane (h, w) blurred by a Gaussian, which is smaller if that is wide; stretching it is counted in."""
+    side, (h, w) = _blocks(sigma), plane.shape
+    small = cv2.resize(plane, (w // side, h // side), interpolation=cv2.INTER_AREA)
+    left = math.sqrt(sigma**2 - (side**2 - 1) / 3) / side
+    return np.asarray(cv2.GaussianBlur(small, (0, 0), left), np.float32)
+
+
+def _stretched(plane: F32, size: tuple[int, ...]) -> F32:
+    """A plane at a size (h, w) that is a power of two times its own, by doubling it."""
+    while plane.shape != size:
+        plane = np.asarray(cv2.resize(plane, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR), np.float32)
+    return plane
 
 
 def gradient_energy(picture: U8, sigma: float = LIMITS.smoothing_pixels) -> F32:
