@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from guise.app.deidentify.run.redrawing import telling_segments
+from guise.app.deidentify.stages.alike import LIMITS
 from guise.app.deidentify.stages.case import Case
-from guise.app.swapping.policy import COVERED, SWAPPED
+from guise.app.deidentify.stages.jobs import tried_frames
+from guise.app.swapping.policy import COVERED, SWAPPED, FaceTreatment
 
 SPANS = [(0, 100), (100, 200), (200, 300), (300, 400)]
 
@@ -34,3 +36,19 @@ def test_the_segment_that_shows_somebody_longest_tells(
         scan=SimpleNamespace(segments=SPANS), span=SPANS.__getitem__, plan=plan, tracks=tracks
     )
     assert telling_segments(cast(Case, case)) == expected
+
+
+def test_a_trial_takes_frames_of_everybody() -> None:
+    box = np.zeros(4, np.float32)
+    planned = {
+        frame: [
+            FaceTreatment(who, SWAPPED if who < 3 else COVERED, box, 1.0)
+            for who in (1, 2, 3)
+            if frame >= 100 * who
+        ]
+        for frame in range(400)
+    }
+    assert tried_frames(planned)[0] == 100
+    assert tried_frames(planned)[-1] == 399
+    assert len(set(tried_frames(planned)) & set(range(200, 400))) > LIMITS.tried_frames
+    assert tried_frames({}) == ()

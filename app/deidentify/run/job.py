@@ -233,13 +233,17 @@ class _Stages:
             case.work.save_arrays("plan.npz", **plan_faces(case, case.tracks))
 
     def render(self, say: Say) -> None:
-        """All segments of the output, those that tell most first, and again while somebody is still recognised."""
+        """All segments of the output, those that tell most first, and again while somebody is still recognised.
+
+        A trial of a few frames finds the faces that hide people, which what is rendered may contradict.
+        """
         every = tuple(range(len(self.case.scan.segments)))
-        for segments in dict.fromkeys((telling_segments(self.case) or every, every)):
-            self._map("render", segments)
-            while redrawn(self.case, say):
+        telling = telling_segments(self.case)
+        for stage, segments in dict.fromkeys((("trial", telling), ("render", telling), ("render", every))):
+            self._map(stage, segments)
+            while redrawn(self.case, stage, say):
                 self.case = Case(self.case.work)
-                self._map("render", segments)
+                self._map(stage, segments)
 
     def _once(self, name: str, make: Callable[[], Any]) -> None:
         if not self.case.work.has(name):
@@ -259,4 +263,7 @@ class _Stages:
         self._engine.run(missing, done)
 
 
-_STAGE_LABELS = {"detect": "finding faces", "person": "enrolling", "fit": "tracking", "render": "rendering"}
+_STAGE_LABELS = {
+    "detect": "finding faces", "person": "enrolling", "fit": "tracking", "trial": "choosing faces",
+    "render": "rendering",
+}  # fmt: skip

@@ -18,12 +18,12 @@ TRIED = "tried.json"  # by person, the donors that were drawn, and how alike the
 COVER = ""
 
 
-def redrawn(case: Case, say: Say) -> bool:
-    """Plan another face, or a cover, of whoever is recognised, and forget what was rendered; False if nobody is.
+def redrawn(case: Case, stage: str, say: Say) -> bool:
+    """Plan another face, or a cover, of whoever is recognised, and forget what was drawn; False if nobody is.
 
-    Only what has been rendered counts.
+    stage : "trial" or "render", of which what is there counts.
     """
-    names = [f"render.{k}.json" for k in range(len(case.scan.segments))]
+    names = [f"{stage}.{k}.json" for k in range(len(case.scan.segments))]
     alike = likeness(case.work.load_json(name)["signatures"] for name in names if case.work.has(name))
     shown = {track.person: track for track in case.tracks if track.action == "swap"}
     tried: dict[str, dict[str, float]] = case.work.load_json(TRIED) if case.work.has(TRIED) else {}
@@ -32,7 +32,10 @@ def redrawn(case: Case, say: Say) -> bool:
         if alike.get(person, 0.0) < LIMITS.alike:
             continue
         mine = tried.setdefault(str(person), {})
-        mine[track.donor] = alike[person]
+        if (
+            alike[person] >= LIMITS.same or track.donor not in mine
+        ):  # the first look decides which is the best
+            mine[track.donor] = alike[person]
         if (donor := _next(case, track, mine)) != track.donor:
             changes[person] = donor
             then = "another face is tried" if donor not in mine else "the face that hides them best is taken"
@@ -40,7 +43,7 @@ def redrawn(case: Case, say: Say) -> bool:
             say(f"{case.manifest['name']}: a recogniser still knows person {person}: {then}")
     if not changes:
         return False
-    case.work.forget("render.*", "output.*", "drawn.*")
+    case.work.forget("trial.*", "render.*", "output.*", "drawn.*")
     case.work.save_json(TRIED, tried)
     tracks = [_changed(track, changes) for track in case.tracks]
     case.work.save_json("tracks.json", [track_json(track) for track in tracks])

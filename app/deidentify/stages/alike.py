@@ -22,21 +22,26 @@ class AlikeLimits:
     interval_frames: int = 8  # from one frame to the next
     alike: float = 0.42  # from which another face is tried; of 40 photos nine reach it with the first
     same: float = 0.6  # from which a face that no other hides better is covered
-    donors: int = 4  # that are tried at most, as all is rendered again
+    donors: int = 4  # that are tried at most,
+    tried_frames: int = 12  # in so many frames of each person
 
 
 LIMITS = AlikeLimits()
 
 
 class Signatures:
-    """Sums (2, 64) of the signatures of people's faces before and after the drawing, by person."""
+    """Sums (2, 64) of the signatures of people's faces before and after the drawing, by person.
 
-    def __init__(self) -> None:
+    interval : frames from one in which they are looked at to the next.
+    """
+
+    def __init__(self, interval: int = LIMITS.interval_frames) -> None:
         self.sums: dict[int, F64] = {}
+        self._interval = interval
 
     def is_due(self, frame: Frame, person: int) -> bool:
         """Whether somebody is looked at in a frame: in the first one, and now and then."""
-        return person not in self.sums or frame.index % LIMITS.interval_frames == 0
+        return person not in self.sums or frame.index % self._interval == 0
 
     def add(self, person: int, before: F32, after: F32) -> None:
         """Add what was seen in a frame."""

@@ -2,7 +2,7 @@
 
 Results in the folder: manifest.json, scan.json, detect.K.npz, link.json, person.P.guise or person.P.json (why there is
 none), region.json, gaps.K.npz, fit.K.npz, things.json, places.json, added.json, added.K.npz, tracks.json, plan.npz,
-render.K.packets, output.K.npz, drawn.K.npz and render.K.json, for segments K and persons P.
+trial.K.json, render.K.packets, output.K.npz, drawn.K.npz and render.K.json, for segments K and persons P.
 """
 
 from __future__ import annotations

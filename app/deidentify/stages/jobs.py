@@ -5,9 +5,10 @@ Any process may do a job, at any time after the stage before; a job whose result
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from guise.aam.landmarks.heads import region
 from guise.aam.model import Identity
 from guise.aam.parsing import HeadParser
 from guise.app.deidentify.covers import rows_from
+from guise.app.deidentify.stages.alike import LIMITS as ALIKE
 from guise.app.deidentify.stages.alike import Signatures
 from guise.app.deidentify.stages.audit import Audit, AuditDetection
 from guise.app.deidentify.stages.case import KEPT, Case, LinkedTrack
@@ -44,7 +46,7 @@ from guise.app.media import Frame, MediaInput, Sink, process
 from guise.app.media.input import VideoInput
 from guise.app.media.problems import ProblemLog
 from guise.app.people.faces import detect_faces
-from guise.app.swapping.policy import FaceTreatment
+from guise.app.swapping.policy import SWAPPED, FaceTreatment
 from guise.app.swapping.trust import LocatedFace, TrustJudge
 from guise.common.files import write_whole
 from guise.common.memory import given_back
@@ -149,8 +151,39 @@ def picture(frame: Frame, box: NDArray[np.floating], turn: float) -> NDArray[np.
     )
 
 
+def trial(case: Case, segment: int) -> None:
+    """Draw each person in a few frames, to know whether they are recognised before all is rendered."""
+    first, last = case.span(segment)
+    planned = entries_of(case.plan, first, last)
+    frames = _sample(case.work, segment, tried_frames(planned))
+    with SegmentRenderer(case, segment, {frame.index: planned[frame.index] for frame in frames}) as drawing:
+        drawing.signatures = Signatures(1)
+        for frame in frames:
+            drawing.draw(frame.copy())
+        case.work.save_json(f"trial.{segment}.json", {"signatures": drawing.signatures.as_json()})
+
+
+def tried_frames(planned: Mapping[int, Sequence[FaceTreatment]]) -> tuple[int, ...]:
+    """Of frames with what is done in them, some that show each person who is drawn."""
+    shown: dict[int, list[int]] = {}
+    for frame, entries in sorted(planned.items()):
+        for who in {one.who for one in entries if one.done == SWAPPED}:
+            shown.setdefault(who, []).append(frame)
+    most = ALIKE.tried_frames
+    chosen = {f[k] for f in shown.values() for k in np.linspace(0, len(f) - 1, most).astype(int).tolist()}
+    return tuple(sorted(chosen))
+
+
+@lru_cache(maxsize=1)
+def _sample(work: WorkFolder, segment: int, wanted: tuple[int, ...]) -> list[Frame]:
+    """Some frames of a segment, kept for the next trial."""
+    first, last = (wanted[0], wanted[-1] + 1) if wanted else (0, 0)
+    return [frame for frame in Case(work).frames(first, last) if frame.index in wanted]
+
+
 def render(case: Case, segment: int) -> None:
     """Swap and cover, encode, audit; and pictures of the result."""
+    _sample.cache_clear()
     first, last = case.span(segment)
     planned = entries_of(case.plan, case.scan.segments[segment].first, last)
     covered: list[AuditDetection] = []
@@ -297,5 +330,6 @@ _STAGES: dict[str, Callable[[Case, int], None]] = {
     "detect": detect,
     "person": person,
     "fit": fit,
+    "trial": trial,
     "render": render,
 }
