@@ -1,20 +1,40 @@
 // Included by each instruction set in a namespace of its own: the face's texture, its light, and its picture.
 
-// sum := sum + amount * halves; no half is infinite or not a number.
-inline void add_halves(const u16 *halves, float amount, float *sum, i64 count) {
+constexpr i64 MODES_AT_ONCE = 4;
+
+// Rows of halves, none of which is infinite or not a number, and by how much each counts.
+struct Halves {
+    const u16 *rows[MODES_AT_ONCE];
+    float amounts[MODES_AT_ONCE];
+};
+
+// sum := sum + the weighted rows from `start` on, one after the other; meanwhile those that are read next are fetched.
+inline void add_halves(const Halves &those, const Halves &next, i64 start, float *sum, i64 count) {
     i64 i = 0;
 #if defined(GUISE_F16C)
-    const __m256 all = _mm256_set1_ps(amount);
-    for (; i + 8 <= count; i += 8) {
-        const __m256 whole = _mm256_cvtph_ps(_mm_loadu_si128(reinterpret_cast<const __m128i *>(halves + i)));
-        _mm256_storeu_ps(sum + i, _mm256_add_ps(_mm256_loadu_ps(sum + i), _mm256_mul_ps(all, whole)));
+    __m256 amounts[MODES_AT_ONCE];
+    for (i64 k = 0; k < MODES_AT_ONCE; ++k) amounts[k] = _mm256_set1_ps(those.amounts[k]);
+    for (; i + 32 <= count; i += 32) {
+        for (const u16 *row : next.rows) _mm_prefetch(reinterpret_cast<const char *>(row + start + i), _MM_HINT_T0);
+        for (i64 j = i; j < i + 32; j += 8) {
+            __m256 all = _mm256_loadu_ps(sum + j);
+            for (i64 k = 0; k < MODES_AT_ONCE; ++k) {
+                const __m128i halves = _mm_loadu_si128(reinterpret_cast<const __m128i *>(those.rows[k] + start + j));
+                all = _mm256_add_ps(all, _mm256_mul_ps(amounts[k], _mm256_cvtph_ps(halves)));
+            }
+            _mm256_storeu_ps(sum + j, all);
+        }
     }
 #endif
+    (void)next;
     for (; i < count; ++i) {
-        const std::uint32_t bits = std::uint32_t(halves[i] & 0x7fff) << 13 | std::uint32_t(halves[i] & 0x8000) << 16;
-        float value;
-        std::memcpy(&value, &bits, 4);
-        sum[i] += amount * (value * 0x1p112f);
+        for (i64 k = 0; k < MODES_AT_ONCE; ++k) {
+            const u16 half = those.rows[k][start + i];
+            const std::uint32_t bits = std::uint32_t(half & 0x7fff) << 13 | std::uint32_t(half & 0x8000) << 16;
+            float value;
+            std::memcpy(&value, &bits, 4);
+            sum[i] += those.amounts[k] * (value * 0x1p112f);
+        }
     }
 }
 
@@ -23,13 +43,27 @@ void expressed(Array<const float> base, Array<const u16> matrix, Array<const flo
     const i64 size = base.size(), modes = away.size();
     require(matrix.shape[0] == modes && matrix.shape[1] == size, "matrix must be (k, n)");
     require(out.size() == size && size == 3 * factors.size(), "base and out must be (3 n,), factors (n,)");
+    Halves *groups = memory<26, Halves>(modes / MODES_AT_ONCE + 1);  // of modes that count
+    i64 used = 0;
+    for (i64 k = 0; k < modes; ++k) {
+        if (away.data[k] != 0) {
+            groups[used / MODES_AT_ONCE].rows[used % MODES_AT_ONCE] = matrix.row(k);
+            groups[used / MODES_AT_ONCE].amounts[used % MODES_AT_ONCE] = away.data[k];
+            ++used;
+        }
+    }
+    for (; used % MODES_AT_ONCE; ++used) {  // the last is filled up with what counts nothing
+        groups[used / MODES_AT_ONCE].rows[used % MODES_AT_ONCE] = groups[0].rows[0];
+        groups[used / MODES_AT_ONCE].amounts[used % MODES_AT_ONCE] = 0;
+    }
+    const i64 last = used / MODES_AT_ONCE - 1;
     constexpr i64 BLOCK = 3 * 1024;
     float sum[BLOCK];
     for (i64 start = 0; start < size; start += BLOCK) {
         const i64 count = std::min(BLOCK, size - start);
         std::memcpy(sum, base.data + start, std::size_t(count) * sizeof(float));
-        for (i64 k = 0; k < modes; ++k) {
-            if (away.data[k] != 0) add_halves(matrix.row(k) + start, away.data[k], sum, count);
+        for (i64 g = 0; g <= last; ++g) {
+            add_halves(groups[g], groups[std::min(g + 1, last)], start, sum, count);
         }
         const float *factor = factors.data + start / 3;
         float *made = out.data + start;
