@@ -229,6 +229,23 @@ def test_tint_iris(seed: int, is_light: bool, lightens: bool, blur: float) -> No
 
 @compiled
 @settings(max_examples=40, deadline=None)
+@given(seeds, st.floats(0.0, 2.0))
+def test_enlarge(seed: int, contrast: float) -> None:
+    rng = np.random.default_rng(seed)
+    height, width = (int(side) for side in rng.integers(1, 40, 2))
+    picture = rng.integers(0, 256, (height, width, 3), np.uint8)
+    detail = rng.normal(0, 40, (2 * height, 2 * width)).astype(np.float32)
+    top, left = int(rng.integers(height)), int(rng.integers(width))
+    fold = rng.random((height - top, int(rng.integers(1, width - left + 1)))).astype(np.float32)
+
+    def arguments() -> tuple[Any, ...]:
+        return picture, detail, contrast, fold, left, top, np.empty((*detail.shape, 3), np.uint8)
+
+    assert_alike(both("enlarge", arguments, (6,)), MOST_LEVELS)
+
+
+@compiled
+@settings(max_examples=40, deadline=None)
 @given(seeds, st.sampled_from([0.0, 0.05, 0.4, 1.0]), st.floats(0.5, 6.0))
 def test_lay_skin(seed: int, amount: float, sigma: float) -> None:
     rng = np.random.default_rng(seed)

@@ -18,6 +18,7 @@ template <int Place, class T> T *memory(i64 size, const T &empty = T{}) {
 
 #include "composite.hpp"
 #include "energies.hpp"
+#include "enlarging.hpp"
 #include "folds.hpp"
 #include "frame.hpp"
 #include "geometry.hpp"

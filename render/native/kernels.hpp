@@ -11,6 +11,7 @@ namespace guise {
     K(brow_shifts) \
     K(composite) \
     K(correct_points) \
+    K(enlarge) \
     K(expressed) \
     K(filter_shape) \
     K(find_folds) \
@@ -51,6 +52,8 @@ struct Kernels {
     void (*correct_points)(Array<const double> points, Array<const i64> parts, Array<const float> centre,
                            Array<const float> axes, Array<const float> scale, Array<const float> weights, double most,
                            double full, Array<double> corrected);
+    void (*enlarge)(Array<const u8> picture, Array<const float> detail, double contrast, Array<const float> fold,
+                    i64 left, i64 top, Array<u8> out);
     void (*expressed)(Array<const float> base, Array<const u16> matrix, Array<const float> away,
                       Array<const float> factors, Array<float> out);
     void (*filter_shape)(Array<const double> shape, Array<const double> gain, Array<const i64> eyes, Array<double> steps,

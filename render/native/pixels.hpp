@@ -121,6 +121,21 @@ inline void gaussian(const float *plane, i64 h, i64 w, double sigma, float *out)
     }
 }
 
+// Out (2 h, 2 w): a plane stretched bilinearly, beyond its border as at it.
+inline void doubled(const float *plane, i64 h, i64 w, float *out) {
+    float *line = memory<104, float>(w + 2) + 1;
+    for (i64 y = 0; y < 2 * h; ++y, out += 2 * w) {
+        const i64 near = y / 2, far = std::min(std::max(near + (y % 2 ? 1 : -1), i64(0)), h - 1);
+        const float *here = plane + near * w, *there = plane + far * w;
+        for (i64 x = 0; x < w; ++x) line[x] = 0.75f * here[x] + 0.25f * there[x];
+        line[-1] = line[0], line[w] = line[w - 1];
+        for (i64 x = 0; x < w; ++x) {
+            out[2 * x] = 0.75f * line[x] + 0.25f * line[x - 1];
+            out[2 * x + 1] = 0.75f * line[x] + 0.25f * line[x + 1];
+        }
+    }
+}
+
 // A picture (h, w, 3) that is read by cubic convolution (Keys, a = -0.75), beyond its border as at it.
 struct CubicPicture {
     Array<const u8> picture;

@@ -7,6 +7,7 @@ move as far as the head's own.  Pixels, x right, y down; RGB 0..255.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -22,7 +23,8 @@ from guise.aam.view_prior import SideViews
 from guise.app.drawing.face import FaceInFrame, Fold, Seen
 from guise.app.drawing.memory import Memory
 from guise.common import small
-from guise.common.arrays import F32, F64
+from guise.common.arrays import F32, F64, U8
+from guise.common.kernels import TWINS, kernel
 from guise.common.tuned import tuned
 
 
@@ -41,6 +43,7 @@ class TextureLimits:
 
 
 LIMITS = TextureLimits()
+NO_FOLD = Fold(np.s_[0:1, 0:1], np.zeros((1, 1), np.float32), 0, np.zeros((0, 2, 2)))
 
 
 class PlainTexture:
@@ -143,7 +146,9 @@ class Enlargement:
     """
 
     def __init__(self, detail: F32, interpolation: int) -> None:
-        self._detail, self._interpolation = detail, interpolation
+        self._detail = detail
+        is_cubic = interpolation == cv2.INTER_CUBIC
+        self._enlarge = enlarge if is_cubic else partial(TWINS["enlarge"], interpolation=interpolation)
 
     def choose(self, face: FaceInFrame, memory: Memory) -> None:
         """Tell whether the face is drawn larger than the grid."""
@@ -156,17 +161,24 @@ class Enlargement:
             sigma = LIMITS.blur_grid_pixels / face.zoom
             canvas.picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma), np.uint8)
         elif canvas.fine:
-            large = cv2.resize(picture, self._detail.shape[::-1], interpolation=self._interpolation)
-            luma = cv2.extractChannel(large, 0)
-            detail = self._detail if canvas.fold is None else without_fold(self._detail, canvas.fold)
-            cv2.addWeighted(luma, 1.0, detail, canvas.contrast, 0.0, dst=luma, dtype=cv2.CV_8U)
-            canvas.picture = np.asarray(cv2.insertChannel(luma, large, 0), np.uint8)
+            fold = canvas.fold or NO_FOLD
+            rows, columns = fold.place
+            where = fold.share, columns.start, rows.start
+            canvas.picture = np.empty((*self._detail.shape, 3), np.uint8)
+            self._enlarge(picture, self._detail, canvas.contrast, *where, canvas.picture)
 
 
-def without_fold(detail: F32, fold: Fold) -> F32:
-    """Detail (2 h, 2 w) of a picture twice as large as the grid, where that isn't smoothed."""
-    place = tuple(slice(2 * part.start, 2 * part.stop) for part in fold.place)
-    left = detail.copy()
-    part = left[place]
-    part *= 1 - cv2.resize(fold.share, part.shape[::-1])
-    return left
+@kernel
+def enlarge(
+    picture: U8, detail: F32, contrast: float, fold: F32, left: int, top: int, out: U8,
+    interpolation: int = cv2.INTER_CUBIC,
+) -> None:  # fmt: skip
+    """Out (2 h, 2 w, 3): a picture (h, w, 3) by cubic convolution, and detail (2 h, 2 w), scaled, on its brightness.
+
+    fold, left, top : (i, j) share in [0, 1] by which detail is left out, and where that lies in the picture.
+    """
+    cv2.resize(picture, detail.shape[::-1], dst=out, interpolation=interpolation)
+    (h, w), detail = fold.shape, detail * np.float32(contrast)
+    detail[2 * top : 2 * (top + h), 2 * left : 2 * (left + w)] *= 1 - cv2.resize(fold, (2 * w, 2 * h))
+    luma = cv2.extractChannel(out, 0)
+    cv2.insertChannel(cv2.add(luma, detail, dtype=cv2.CV_8U), out, 0)
