@@ -24,6 +24,7 @@ from guise.common.kernels import COMPILED, kernel
 
 DEFAULT_ALPHA = 0.6
 DEFAULT_GATE = 0.35  # share of alpha away from eyes and mouth
+BLOCK = 4096  # entries of an appearance that are mapped at a time, for the cache
 MAX_NEUTRAL_YAW_DEGREES = 35.0
 
 
@@ -96,21 +97,35 @@ class Extrapolator:
         if not 0 <= value <= 1:
             raise GuiseError(f"alpha must be in [0, 1], got {value}")
         self._alpha = float(value)
-        source, target = self._bases
-        matrix, away = target @ self._amounts, source * self._tone
-        away -= matrix
-        away *= np.float32(value) * self._soft
-        matrix += away
-        matrix *= self._shown
-        # Of the parameters, then of what is taken back of the target's modes; no views, which hold all of it.
-        parts = matrix, -self._shown * target
-        self._of_shape = np.concatenate([part[:SHAPE_ENTRIES] for part in parts], axis=1)
         # Half floats suffice, as a term of the sum is a few grey levels, but NumPy takes long to read them.
         kind = np.float32 if COMPILED is None else np.float16
-        rows = [cv2.transpose(part[SHAPE_ENTRIES:]) for part in parts]
-        if kind is np.float16:
-            rows = [cv2.add(row, np.zeros(1), dtype=cv2.CV_16F) for row in rows]  # 7 times as fast as astype
-        self._of_texture: NDArray[np.floating] = np.concatenate(rows).astype(kind, copy=False)
+        (size, expressed_modes), taken_back = self._bases[0].shape, self._bases[1].shape[1]
+        self._of_shape = self._rows(slice(SHAPE_ENTRIES)).T
+        self._of_texture: NDArray[np.floating] = np.empty(
+            (expressed_modes + taken_back, size - SHAPE_ENTRIES), kind
+        )
+        for start in range(0, self._of_texture.shape[1], BLOCK):
+            block = self._of_texture[:, start : start + BLOCK]
+            first = SHAPE_ENTRIES + start
+            rows = self._rows(slice(first, first + block.shape[1]))
+            # Which is 7 times as fast as astype.
+            block[:] = rows if kind is np.float32 else cv2.add(rows, np.zeros(1), dtype=cv2.CV_16F)
+
+    def _rows(self, entries: slice) -> F32:
+        """Some columns of the transposed matrix: of the parameters, then of what is taken back of the target's modes.
+
+        No views, which hold all of it.
+        """
+        source, target = (basis[entries] for basis in self._bases)
+        soft, shown, tone = (
+            one if len(one) == 1 else one[entries] for one in (self._soft, self._shown, self._tone)
+        )
+        matrix, away = target @ self._amounts, source * tone
+        away -= matrix
+        away *= np.float32(self._alpha) * soft
+        matrix += away
+        matrix *= shown
+        return cv2.transpose(np.concatenate([matrix, -shown * target], axis=1))
 
     @property
     def matrix(self) -> F32:

@@ -27,6 +27,7 @@ from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
 from guise.common.arrays import F32, Bool
+from guise.common.quantile import quantile
 from guise.common.small import ramps
 
 
@@ -100,7 +101,7 @@ def in_contrast_of(texture: F32, other: F32, reference: ReferenceFrame) -> F32:
     skin = skin_mask(reference)[reference.mask]
     lumas = [one[reference.mask] @ LUMA for one in (texture, other)]
     tones = [float(luma[skin].mean()) for luma in lumas]
-    dark = [float(np.quantile(luma[eyes], LIMITS.darkest_quantile)) for luma in lumas]
+    dark = [quantile(luma[eyes], LIMITS.darkest_quantile) for luma in lumas]
     own, others = (1 - each / tone for each, tone in zip(dark, tones, strict=True))
     stretch = float(np.clip(others / max(own, 1e-3), *LIMITS.stretch))
     haze, by_level = tones[0] * (1 - 1 / stretch), dark[0] - dark[1]  # against the skin, and of whatever skin

@@ -61,7 +61,7 @@ class QuotientLight:
     def __init__(self, reference: ReferenceFrame, texels: Int, mask: Bool, enrolled: tuple[F32, F32]) -> None:
         grid = CoarseGrid(reference, COARSE_CELL)
         self._skin = texels[(skin_mask(reference) & mask)[reference.mask][texels]]
-        self._in_seen = np.flatnonzero(np.isin(texels, self._skin))
+        self._in_seen = np.flatnonzero(np.isin(texels, self._skin, kind="table"))
         self._sums = TexelSums(grid.size, grid.places(self._skin))
         self._reference, self._cell = reference, grid.cell
         self._smoother = grid.smoother(LIMITS.width_face_widths)
