@@ -188,6 +188,7 @@ def render(case: Case, segment: int) -> None:
     planned = entries_of(case.plan, case.scan.segments[segment].first, last)
     covered: list[AuditDetection] = []
     judged = JudgedPlaces()
+    pictures: dict[str, NDArray[np.uint8]] = {}
 
     def entries() -> dict[int, list[FaceTreatment]]:
         found = with_detections(planned, covered, first, last, case.rate, judged)
@@ -212,7 +213,7 @@ def render(case: Case, segment: int) -> None:
             segment_renderer.things = [*known_things(case), *judged.things]
             segment_renderer.signatures = Signatures()
             _encode(case, media, segment, segment_renderer)
-            result, drawn = read_piece(case, segment), segment_renderer.drawn
+            result, drawn = _pictured(case, segment, segment_renderer, pictures), segment_renderer.drawn
             detections = _worked_on(case, audit.after(result, segment_renderer.treated, drawn))
             if not detections or attempt == LIMITS.max_repeats:
                 break
@@ -220,7 +221,6 @@ def render(case: Case, segment: int) -> None:
             covered += detections
         unclear = [at for at in audit.unclear if case.worked_on[at]]
         renderer, problems = segment_renderer.renderer, list(media.problems)
-        pictures = _output_pictures(case, segment, segment_renderer)
     KEPT.clear()  # this was the last stage
     case.work.save_arrays(f"output.{segment}.npz", **pictures)
     inside = {frame: these for frame, these in segment_renderer.done.items() if frame >= first}
@@ -285,22 +285,17 @@ def _finding(one: AuditDetection, covered: bool) -> dict[str, Any]:
     return {"frame": one.frame, "box": box, "score": round(one.score, 3), "covered": covered}
 
 
-def _output_pictures(
-    case: Case, segment: int, segment_renderer: SegmentRenderer
-) -> dict[str, NDArray[np.uint8]]:
-    """Pictures of the tracks as they are in the output."""
+def _pictured(
+    case: Case, segment: int, segment_renderer: SegmentRenderer, pictures: dict[str, NDArray[np.uint8]]
+) -> Iterator[Frame]:
+    """The frames that were written; pictures of the tracks in them are added."""
     wanted = {frame: track.number for track in case.linked for frame in track.shown[:MAX_REPORT_PICTURES]}
-    first, last = case.span(segment)
-    if not any(first <= frame < last for frame in wanted):
-        return {}
-    pictures, origins = {}, {track.number: track.origin for track in case.tracks}
+    origins = {track.number: track.origin for track in case.tracks}
     for frame in read_piece(case, segment):
-        if frame.index > max(wanted):
-            break
-        for entry in segment_renderer.entries.get(frame.index, []):
-            if entry.who in origins and wanted.get(frame.index) == origins[entry.who]:
+        for entry in segment_renderer.entries.get(frame.index, []) if frame.index in wanted else ():
+            if entry.who in origins and wanted[frame.index] == origins[entry.who]:
                 pictures[f"{entry.who}.{frame.index}"] = picture(frame, entry.box, entry.turn)
-    return pictures
+        yield frame
 
 
 class _FrameRange:
