@@ -76,8 +76,8 @@ class PlainTexture:
         """Make the donor's shape and texture for that."""
         self._make(face, 1.0)
 
-    def _make(self, face: FaceInFrame, share: float) -> None:
-        appearance = self.extrapolator.apply(face.seen.parameters, share)
+    def _make(self, face: FaceInFrame, share: float, factors: F32 | None = None) -> None:
+        appearance = self.extrapolator.apply(face.seen.parameters, share, factors)
         weight = self.extrapolator.reference.shape_weight
         face.shape = appearance[:SHAPE_ENTRIES].reshape(POINTS, 2).astype(np.float64) / weight
         face.canvas.texture = appearance[SHAPE_ENTRIES:].reshape(-1, 3)
@@ -123,11 +123,9 @@ class Texture(PlainTexture):
     def synthesise(self, face: FaceInFrame, memory: Memory) -> None:
         """Make the donor's texture for what the head expresses, and its shape for where its points are."""
         pose = face.pose
-        self._make(face, self._share(pose))
-        face.shape = self.transfer.apply(face.head, pose)
-        texture = face.canvas.texture
         factors = self._sides.at(pose.angles[0] - self.transfer.target.pose.angles[0])
-        cv2.multiply(texture, cv2.merge([factors] * 3).reshape(texture.shape), dst=texture)
+        self._make(face, self._share(pose), factors)
+        face.shape = self.transfer.apply(face.head, pose)
 
     def _share(self, pose: HeadPose) -> float:
         """Share of the texture's movement that is shown: of a turned head it is its turn, not its expression."""
