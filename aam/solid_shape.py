@@ -165,7 +165,11 @@ class SolidPrior:
 
     def rough_pose(self, points: F64) -> HeadPose:
         """The pose of the mean face at points (81, 2), pixels; within about 10 degrees of that of a fit."""
-        return _first_pose(self.mean, points)
+        return _first_pose(self.mean, points, self._mean_lever)
+
+    @cached_property
+    def _mean_lever(self) -> F64:
+        return _lever(self.mean)
 
     def fit(
         self, points: F64, start: SolidFit | None = None, known: F64 | None = None, deviation: float = 1.0,
@@ -355,15 +359,24 @@ def normals(solid: F64, triangles: I32) -> F64:
     return np.asarray(sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12))
 
 
-def _first_pose(solid: F64, points: F64) -> HeadPose:
+def _lever(solid: F64) -> F64:
+    """(3, 81), which times points (81, 2) is the affine map from a solid shape (81, 3) to them, by least squares."""
+    weights = np.sqrt(RIGID_WEIGHTS)
+    return np.asarray(
+        np.linalg.pinv((solid - RIGID_WEIGHTS @ solid) * weights[:, None]) * weights, np.float64
+    )
+
+
+def _first_pose(solid: F64, points: F64, lever: F64 | None = None) -> HeadPose:
     """The pose in which a solid shape (81, 3) comes nearest to points (81, 2), by least squares and a rotation."""
-    weights = RIGID_WEIGHTS[:, None]
-    away, seen = solid - RIGID_WEIGHTS @ solid, points - RIGID_WEIGHTS @ points
-    affine = np.linalg.lstsq(away * np.sqrt(weights), seen * np.sqrt(weights), rcond=None)[0].T
+    middle = RIGID_WEIGHTS @ points
+    affine = ((_lever(solid) if lever is None else lever) @ (points - middle)).T
     u, sizes, vt = np.linalg.svd(affine, full_matrices=False)
     two = u @ vt
-    rotation, scale = np.vstack([two, np.cross(two[0], two[1])]), max(float(sizes.mean()), 1e-6)
-    return HeadPose(rotation, scale, RIGID_WEIGHTS @ points - scale * two @ (RIGID_WEIGHTS @ solid))
+    (a, b, c), (d, e, f) = two.tolist()
+    rotation = np.array([[a, b, c], [d, e, f], [b * f - c * e, c * d - a * f, a * e - b * d]])
+    scale = max(float(sizes.mean()), 1e-6)
+    return HeadPose(rotation, scale, middle - scale * two @ (RIGID_WEIGHTS @ solid))
 
 
 def _moved(rest: F64, amounts: F64, modes: F64) -> F64:

@@ -65,6 +65,15 @@ def test_a_face_looks_like_one_through_slats_and_nothing_else_does() -> None:
     assert not is_face(0.6, likeness_through(landmarker, frames[0], apart, 0.0))
 
 
+def test_what_spans_a_face_that_is_certain_is_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Live, a head with its hair, seen small, was covered over the face that was drawn."""
+    boxes = np.array([[20, 20, 60, 60], [0, 0, 100, 100], [70, 20, 110, 60]], np.float32)
+    seen = RolledBoxes(boxes, np.full(3, 0.8, np.float32), np.zeros(3, np.float32))
+    monkeypatch.setattr(Glancer, "faces", lambda self, image, number: seen)
+    found = Glancer().likely(BuiltinLandmarker(), np.zeros((120, 120, 3), np.uint8), 0, seen[:1])
+    assert found.boxes.tolist() == boxes[2:].tolist()
+
+
 @pytest.mark.parametrize("shape", [(240, 320), (60, 4), (1, 1)])
 def test_a_picture_of_nothing_has_no_face(shape: tuple[int, int]) -> None:
     glancer, plain = Glancer(), np.full((*shape, 3), 90, np.uint8)

@@ -112,7 +112,7 @@ def test_somebody_who_comes_in_is_found_in_that_very_frame(detector: BackgroundD
 def test_a_still_picture_of_one_face_is_searched_now_and_then(
     talk: Frame, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And one of two faces each time."""
+    """And one of two faces each time, or one that is not where somebody follows it."""
     searched = []
 
     def searching(self: FaceDetector, image: np.ndarray) -> Any:
@@ -121,15 +121,39 @@ def test_a_still_picture_of_one_face_is_searched_now_and_then(
 
     detect = FaceDetector.detect_scored
     monkeypatch.setattr(FaceDetector, "detect_scored", searching)
-    for picture, count in ((talk.rgb(), 3), (np.concatenate([talk.rgb()] * 2, axis=1), 9)):
+    alone, two = talk.rgb(), np.concatenate([talk.rgb()] * 2, axis=1)
+    for picture, followed, count in ((alone, None, 2), (alone, [], 9), (two, None, 9)):
         searched.clear()
         with BackgroundDetector() as detector:
             for _ in range(9):
                 frame = Frame.from_rgb(picture)
-                detector.submit(frame)
+                detector.submit(frame, followed)
                 assert len(detector.found) > 0
         upright = downscaled(frame)
         assert sum(np.array_equal(image, upright) for image in searched) == count
+
+
+def test_only_what_has_changed_is_searched_until_it_shows_somebody(
+    detector: BackgroundDetector, talk: Frame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    searched: list[int] = []
+    detect = FaceDetector.detect_scored
+    monkeypatch.setattr(
+        FaceDetector,
+        "detect_scored",
+        lambda self, image: (searched.append(image.size), detect(self, image))[1],
+    )
+    alone = np.concatenate([np.full_like(talk.rgb(), 120), talk.rgb()], axis=1)
+    book, both = alone.copy(), alone.copy()
+    book[200:280, 200:280] = (90, 20, 160)
+    small = cv2.resize(talk.rgb(), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    both[100 : 100 + small.shape[0], 100 : 100 + small.shape[1]] = small
+    for picture, count, is_whole in ((alone, 1, True), (book, 1, False), (both, 2, True)):
+        searched.clear()
+        detector.submit(frame := Frame.from_rgb(picture))
+        assert (detector.found.scores >= 0.5).sum() == count
+        assert (downscaled(frame).size in searched) == is_whole
+        assert searched
 
 
 def test_drawing_into_a_submitted_frame_does_not_matter(detector: BackgroundDetector, talk: Frame) -> None:

@@ -72,12 +72,32 @@ class Glancer:
             found = found.and_others(detect_at_rolls(self._detector, small, quarter_turns).scaled(1 / factor))
         return found.distinct()
 
-    def likely(self, judge: LikenessJudge, image: U8, number: int) -> RolledBoxes:
-        """What may be an upright face, as a judge says, too."""
+    def likely(
+        self, judge: LikenessJudge, image: U8, number: int, certain: RolledBoxes | None = None
+    ) -> RolledBoxes:
+        """What may be an upright face, as a judge says, too.
+
+        certain : faces that are known, which need no second look.
+        """
         seen = self.faces(image, number)
+        if certain is not None:
+            seen = seen[~spans_any(seen.boxes, certain.boxes)]
         rows = zip(seen.boxes, seen.scores.tolist(), seen.turns.tolist(), strict=True)
-        kept = [is_face(score, likeness_through(judge, image, box, turn)) for box, score, turn in rows]
+        kept = [
+            score >= LIMITS.likely_score or is_face(score, likeness_through(judge, image, box, turn))
+            for box, score, turn in rows
+        ]
         return seen[np.array(kept, bool)]
+
+
+def spans_any(boxes: F32, others: F32) -> Bool:
+    """(n,) whether boxes (n, 4) span the middle of any of others (m, 4).
+
+    Such a box is the head of the other, seen coarsely, with its hair: the face of somebody nearer would hide the other.
+    """
+    middles = (others[:, :2] + others[:, 2:]) / 2
+    spans = (boxes[:, None, :2] < middles) & (middles < boxes[:, None, 2:])
+    return np.asarray(np.any(np.all(spans, axis=2), axis=1), bool)
 
 
 def likeness_through(judge: LikenessJudge, rgb: U8, box: F32, turn: float) -> float:

@@ -98,7 +98,8 @@ class LiveFaces(Closing):
         is_alone = len(self._slots) == 1
         if settings.mode == "puppet" and is_alone:
             return self._puppet(frame, settings)
-        self.detector.submit(frame)
+        sure = [one.box for one in self._slots if one.confidence >= LIMITS.min_confidence]
+        self.detector.submit(frame, [box for box in sure if box is not None])
         for slot in self._slots:
             slot.look(frame, self._boxes_but(slot, certain=True))
         self._settle()

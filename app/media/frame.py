@@ -9,6 +9,7 @@ either axis.  Alpha that a decoded picture has stays as it is.  Pictures with mo
 from __future__ import annotations
 
 import math
+import threading
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ import av
 import cv2
 import numpy as np
 from av.video.plane import VideoPlane
+from av.video.reformatter import VideoReformatter
 from numpy.typing import ArrayLike, NDArray
 
 from guise.app.media import colour as tags
@@ -32,6 +34,16 @@ if TYPE_CHECKING:
 __all__ = ["ColourMatrix", "Frame", "clone_video_frame", "from_planes", "plane_arrays"]
 
 Plane = NDArray[np.uint8]
+
+
+class _Scalers(threading.local):
+    """FFmpeg's scalers of a thread: to make one ready takes as long as a picture, and it starts threads."""
+
+    def __init__(self) -> None:
+        self.whole, self.small = VideoReformatter(), VideoReformatter()
+
+
+_SCALERS = _Scalers()
 
 
 class Frame:
@@ -289,14 +301,16 @@ class Frame:
         """As `rgb`, by FFmpeg's scaler: many times faster, a few grey levels off; for viewing whole pictures."""
         if self._video is None or not self.orientation.is_identity:
             return self.rgb()
-        return np.asarray(self._video.to_ndarray(format="rgb24"), np.uint8)
+        return np.asarray(
+            _SCALERS.whole.reformat(self._video, format="rgb24", threads=1).to_ndarray(), np.uint8
+        )
 
     def scaled_rgb(self, width: int, height: int) -> Plane:
         """As `quick_rgb`, at another size, by the means of the pixels."""
         if not self._as_stored:
             return np.asarray(cv2.resize(self.rgb(), (width, height), interpolation=cv2.INTER_AREA), np.uint8)
         assert self._video is not None
-        scaled = self._video.reformat(width, height, "rgb24", interpolation="AREA")
+        scaled = _SCALERS.small.reformat(self._video, width, height, "rgb24", interpolation="AREA", threads=1)
         return np.asarray(scaled.to_ndarray(), np.uint8)
 
     @property
