@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -84,6 +85,8 @@ class GrainLimits:
     )
     # by which the pattern is shifted at random from frame to frame
     tile_slack_pixels: int = tuned(64, "pixels", "picture.truth")
+    # frames after which the shifts repeat
+    shifts: int = tuned(64, "frames", "speed")
 
 
 @dataclass(frozen=True)
@@ -158,7 +161,7 @@ class Finish:
         if deviation < GRAIN.min_grey_levels:
             return
         picture = face.canvas.picture
-        x, y = np.random.default_rng(face.frame.index).integers(0, GRAIN.tile_slack_pixels, 2)
+        x, y = _shifts()[face.frame.index % GRAIN.shifts]
         h, w = picture.shape[:2]
         luma = cv2.extractChannel(picture, 0)
         tile = self._tile[y : y + h, x : x + w]
@@ -216,6 +219,13 @@ class Finish:
         """Of energies (n,): the mean, to which single edges add little."""
         most = LIMITS.max_excess * mean(energies)
         return float(mean(np.minimum(energies, most))) + LIMITS.min_energy / 64
+
+
+@cache
+def _shifts() -> list[list[int]]:
+    """By how many pixels x, y the pattern is shifted in each frame: making a generator takes as long as the grain."""
+    slack = GRAIN.tile_slack_pixels
+    return [np.random.default_rng(number).integers(0, slack, 2).tolist() for number in range(GRAIN.shifts)]
 
 
 class PoreFinish(Finish):
