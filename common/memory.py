@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8  # of mallopt, malloc.h
-_RETURNED_BYTES = 1 << 24  # that are returned to the system when freed; fewer would be new pages in each frame
+_RETURNED_BYTES = 1 << 24  # that go back to the system at once; fewer would be new pages in each frame
 _MAX_HEAPS = 2
 
 

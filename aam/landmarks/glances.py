@@ -65,11 +65,13 @@ class Glancer:
         """What looks like a face.   number : of the glance; `CYCLE` in a row are all that there are."""
         number, fill = divmod(number, len(_FILLS))
         sides = LIMITS.longest_pixels[number % len(LIMITS.longest_pixels)]
-        found = RolledBoxes.none()
-        for side in (side for side in sides if side <= LIMITS.max_share * max(image.shape)):
-            factor = side / max(image.shape)
-            small = filled(image, factor, fill)
-            found = found.and_others(detect_at_rolls(self._detector, small, quarter_turns).scaled(1 / factor))
+        longest, found = max(image.shape), RolledBoxes.none()
+        for side in (side for side in sides if side <= LIMITS.max_share * longest):
+            finer = min(1.0, LIMITS.filled_finer * side / max(image.shape))
+            image = filled(image, finer, 0) if finer < 1 else image  # each half as large as the one before
+            small = filled(image, side / max(image.shape), fill)
+            boxes = detect_at_rolls(self._detector, small, quarter_turns)
+            found = found.and_others(boxes.scaled(longest / max(small.shape)))
         return found.distinct()
 
     def likely(

@@ -128,7 +128,7 @@ def detect_on_schedule(
 
 
 def halved(image: U8) -> U8:
-    """A picture at half the size."""
+    """A picture at half the size; of even sides many times faster than at another share of it."""
     size = [max(1, side // 2) for side in image.shape[1::-1]]
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 

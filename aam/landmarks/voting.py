@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guise.aam.landmarks.rolls import RolledBoxes
+from guise.aam.landmarks.rolls import RolledBoxes, halved
 from guise.aam.onnx_model import ShippedNetwork
 from guise.common.arrays import F32, F64, U8
 
@@ -146,6 +146,7 @@ def levels(image: U8, smallest: float) -> list[Level]:
 
 def _smaller(image: U8, factor: float) -> U8:
     size = [max(1, round(side / factor)) for side in image.shape[1::-1]]
+    image = halved(image) if factor > 2 else image
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks import Face, iou, tight_box
 from guise.aam.landmarks.builtin import BuiltinLandmarker
+from guise.aam.landmarks.rolls import halved
 from guise.aam.landmarks.schemes import IBUG68
 from guise.app.people.skin import FaceShares
 from guise.common.arrays import F32, U8
@@ -28,6 +29,7 @@ class LookLimits:
     min_iou: float = 0.8  # of the boxes
     margin_sides: float = 0.15  # of a box, beyond it
     patch_pixels: int = 16  # side of the small picture
+    halved_sides: int = 6  # of it, from which a picture is halved first
     max_grey_levels: int = 2  # by which any of its pixels may differ
     kept: int = 64  # looks
     refused_likeness: float = -6.0  # a logit, far below that of any face
@@ -146,4 +148,6 @@ def small_picture(grey: NDArray[Any], box: NDArray[np.floating], side: int) -> U
     if x1 - x0 < 2 or y1 - y0 < 2:
         return None
     part = np.ascontiguousarray(grey[y0:y1, x0:x1])
+    while min(part.shape) >= LIMITS.halved_sides * side:
+        part = halved(part[: part.shape[0] // 2 * 2, : part.shape[1] // 2 * 2])
     return np.asarray(cv2.resize(part, (side, side), interpolation=cv2.INTER_AREA), np.uint8)
