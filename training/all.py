@@ -246,6 +246,9 @@ class Plan:
             steps=self._sized(AUDIT_BATCHES),
         )
         yield Task("audit", [train], audit / "audit.onnx")
+        rounded = self.work / "audit.onnx"
+        made = command("round_audit", network=audit / "audit.onnx", clips=clips, out=rounded)
+        yield Task("rounded audit", [made], rounded)
         train = command(
             "train_recognition", parts=self._parts, photographs=self._photographs, output=recognition
         )
@@ -301,7 +304,7 @@ class Plan:
             self.work / "head" / "head.onnx": DATA / "head.onnx",
             self.work / "head" / "head.md": DATA / "head.md",
             self.work / "detector.onnx": DATA / "detector.onnx",
-            self.work / "audit" / "audit.onnx": DATA / "audit.onnx",
+            self.work / "audit.onnx": DATA / "audit.onnx",
             self.work / "recognition.npz": DATA / "recognition.npz",
             self.work / "placement.npz": DATA / "placement.npz",
             self.work / "views.npz": DATA / "views.npz",

@@ -40,7 +40,7 @@ FRAMES, STEP = 3, 25  # of a clip, and from one to the next
 SIDES = 160, 320  # pixels, longer ones, in which a frame is seen
 
 
-class _Feed(CalibrationDataReader):  # type: ignore[misc]
+class Feed(CalibrationDataReader):  # type: ignore[misc]
     def __init__(self, pictures: Iterator[U8]) -> None:
         self._pictures = pictures
 
@@ -65,7 +65,7 @@ def rounded(source: Path, target: Path, pictures: Iterator[U8]) -> None:
     nodes = [node.name for node in onnx.load(source).graph.node]
     kept = [name for name in nodes if name.startswith(KEPT)]
     quantize_static(
-        source, target, _Feed(pictures), quant_format=QuantFormat.QDQ, op_types_to_quantize=list(ROUNDED),
+        source, target, Feed(pictures), quant_format=QuantFormat.QDQ, op_types_to_quantize=list(ROUNDED),
         activation_type=QuantType.QUInt8, weight_type=QuantType.QInt8, per_channel=True,
         reduce_range=True,  # or older processors overflow
         calibrate_method=CalibrationMethod.MinMax, nodes_to_exclude=kept,

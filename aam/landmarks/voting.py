@@ -1,8 +1,8 @@
 """The audit's face detector: cells that lie in a face vote for it, at any roll.
 
-`aam/data/audit.onnx` is made by `training/train_audit.py` (`aam/data/audit.md` has data, licence and figures).  It is
-no kin of the built-in detector, which looks for centres of upright faces: each part of a face tells where the whole
-is, how large, and how it is rolled.
+`aam/data/audit.onnx` is made by `training/train_audit.py` and rounded to 8 bits by `round_audit.py` there
+(`aam/data/audit.md` has data, licence and figures).  It is no kin of the built-in detector, which looks for centres of
+upright faces: each part of a face tells where the whole is, how large, and how it is rolled.
 
 Pixels, x right, y down, pixel centres at integers; turns in radians, by which a face is rolled clockwise.  The box of a
 rolled face is the one of the same size that stands upright about its middle.
