@@ -2,8 +2,8 @@
 
     python -m training.train_audit --parts PARTS [--real DATA] --output OUT
 
-As `train_detector`, with people of its own, and from crops of scenes at any roll and size.  OUT gets `audit.onnx`, which
-`round_audit.py` rounds to 8 bits, `curves.csv` and the weights.
+As `train_detector`, with people of its own, and from crops of scenes at any roll and size.  OUT gets `audit.onnx`,
+which `round_audit.py` rounds to 8 bits, `curves.csv` and the weights.
 """
 
 from __future__ import annotations
