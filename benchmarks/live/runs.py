@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import subprocess
+import sys
+import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from benchmarks import common
 from benchmarks.common import Clip
+from benchmarks.speed import enlarged
 from guise.aam.model import Identity
 from guise.app.live.capture import Capture
 from guise.app.live.controls import Controls
@@ -26,6 +31,12 @@ from guise.app.swapping.donors import open_donor
 SAMPLES = Path(__file__).parents[2] / "sample_videos"
 DONOR = "p03"
 SCREEN = "1600x1000x24"
+PARTS = {
+    "guise-live-processor": "faces",
+    "guise-detector": "search for others",
+    "guise-live-capture": "decoding",
+    "av:": "decoding",
+}  # by the beginning of a thread's name; the others are outputs'
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +59,26 @@ def large(shared: Path) -> Scene:
     return _scene("1280x720", common.real_clip(shared, "room_s18"))
 
 
+def larger(scene: Scene, folder: Path) -> Scene:
+    """1920 x 1080, 30 frames a second, made of a smaller one in a folder."""
+    video = enlarged(scene.clip, (1920, 1080), 420, 10, folder / "larger.mp4")
+    return replace(scene, label="1920x1080", clip=replace(scene.clip, video=video))
+
+
 def _scene(label: str, clip: Clip) -> Scene:
     return Scene(label, clip, common.enrolled(clip), open_donor(DONOR))
+
+
+def used() -> Counter[str]:
+    """Milliseconds of the processor that this process has used, and its threads by their part, where Linux tells."""
+    names = {thread.native_id: thread.name for thread in threading.enumerate()}
+    spent = Counter({"all": 1e3 * time.process_time()})
+    for task in Path("/proc/self/task").glob("*"):
+        with contextlib.suppress(OSError):  # it has just ended
+            name = names.get(int(task.name)) or (task / "comm").read_text()
+            part = next((part for begin, part in PARTS.items() if name.startswith(begin)), "output")
+            spent[part] += int((task / "schedstat").read_text().split()[0]) / 1e6
+    return spent
 
 
 class Noted(Output):
@@ -100,7 +129,13 @@ def played(scene: Scene, capture: Capture, outputs: Sequence[Output]) -> Pipelin
 
 @contextlib.contextmanager
 def display() -> Iterator[None]:
-    """An X display without a screen, for what opens windows inside."""
+    """An X display without a screen, for what opens windows inside; without Xvfb it ends the program."""
+    if shutil.which("Xvfb") is None:
+        print(
+            "The window needs a virtual display: install Xvfb (Debian: apt-get install xvfb).",
+            file=sys.stderr,
+        )
+        raise SystemExit(2)
     read, write = os.pipe()
     command = f"Xvfb -displayfd {write} -screen 0 {SCREEN} -nolisten tcp -noreset"
     server = subprocess.Popen(command.split(), pass_fds=[write], stderr=subprocess.DEVNULL)
