@@ -11,7 +11,7 @@
 #endif
 #define GUISE_NAMESPACE avx2
 #define GUISE_SSE
-#define GUISE_F16C
+#define GUISE_AVX2
 #include "implementation.hpp"
 #ifdef __clang__
 #pragma clang attribute pop

@@ -62,11 +62,36 @@ struct Picture {
         (u - x).store(fx);
         (v - y).store(fy);
         (y * F4(float(width)) + x).store_whole(texel);
+#if defined(GUISE_AVX2)
+        for (int k = 0; k < 4; k += 2) {
+            const __m256 one = across(texels + 4 * i64(texel[k]), fx[k]);
+            const __m256 other = across(texels + 4 * i64(texel[k + 1]), fx[k + 1]);
+            const __m256 upper = _mm256_permute2f128_ps(one, other, 0x20), lower = _mm256_permute2f128_ps(one, other, 0x31);
+            const __m256 down = _mm256_set_m128(_mm_set1_ps(fy[k + 1]), _mm_set1_ps(fy[k]));
+            const __m256 made = _mm256_add_ps(upper, _mm256_mul_ps(_mm256_sub_ps(lower, upper), down));
+            const __m256i whole = _mm256_cvtps_epi32(made);  // between bytes, as all four are
+            const __m256i half = _mm256_packs_epi32(whole, whole), byte = _mm256_packus_epi16(half, half);
+            words[k] = std::uint32_t(_mm256_cvtsi256_si32(byte));
+            words[k + 1] = std::uint32_t(_mm_cvtsi128_si32(_mm256_extracti128_si256(byte, 1)));
+        }
+#else
         for (int k = 0; k < 4; ++k) {
             const u8 *at = texels + 4 * i64(texel[k]);
             words[k] = bilinear(at, at + 4, at + 4 * width, at + 4 * width + 4, fx[k], fy[k]);
         }
+#endif
     }
+#if defined(GUISE_AVX2)
+    static __m256 pair(const u8 *at) {
+        return _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_loadl_epi64(reinterpret_cast<const __m128i *>(at))));
+    }
+    // Between a texel and the next, and between those below them.
+    __m256 across(const u8 *at, float x) const {
+        const __m256 here = pair(at), below = pair(at + 4 * width);
+        const __m256 left = _mm256_permute2f128_ps(here, below, 0x20), right = _mm256_permute2f128_ps(here, below, 0x31);
+        return _mm256_add_ps(left, _mm256_mul_ps(_mm256_sub_ps(right, left), _mm256_set1_ps(x)));
+    }
+#endif
     std::uint32_t outer(float u, float v) const {
         const float fu = std::floor(u), fv = std::floor(v);
         const i64 x = i64(fu), y = i64(fv);

@@ -11,7 +11,7 @@ struct Halves {
 // sum := sum + the weighted rows from `start` on, one after the other; meanwhile those that are read next are fetched.
 inline void add_halves(const Halves &those, const Halves &next, i64 start, float *sum, i64 count) {
     i64 i = 0;
-#if defined(GUISE_F16C)
+#if defined(GUISE_AVX2)
     __m256 amounts[MODES_AT_ONCE];
     for (i64 k = 0; k < MODES_AT_ONCE; ++k) amounts[k] = _mm256_set1_ps(those.amounts[k]);
     for (; i + 32 <= count; i += 32) {
