@@ -232,14 +232,14 @@ void paint_over(Array<const float> brows, Array<const float> skin, Array<const d
     const float area = float(double(n) / (double(high) * double(wide)));
     for (i64 k = 0; k < n; ++k) {
         weight[k] = ramp(skin.data[k], told[4], told[5]) * (1 - ramp(grown[k], told[2], told[3]));
-        for (int c = 0; c < 3; ++c) beside[c * n + k] = float(byte_of(beside[c * n + k] * area)) * weight[k];
+        for (int c = 0; c < 3; ++c) beside[c * n + k] *= area * weight[k];
     }
     gaussian(weight, h, w, told[1], known);
     for (int c = 0; c < 3; ++c) gaussian(beside + c * n, h, w, told[1], beside + c * n);
     float *paint = memory<156, float>(4 * n);  // colour, and share
     for (i64 k = 0; k < n; ++k) {
         const float divisor = std::max(known[k], 1e-6f);
-        for (int c = 0; c < 3; ++c) paint[4 * k + c] = float(byte_of(beside[c * n + k] / divisor));
+        for (int c = 0; c < 3; ++c) paint[4 * k + c] = beside[c * n + k] / divisor;
         paint[4 * k + 3] = grown[k] * ramp(known[k], told[6], told[7]);
     }
 

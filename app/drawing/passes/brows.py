@@ -233,7 +233,7 @@ def _cover(part: U8, brows: F32, skin: F32, width: float) -> None:
     if cv2.countNonZero(brows):
         lengths = max(round(GROWTH * width), 1), COVER.beside * width
         numbers = np.array([*lengths, *COVER.brow_share, *COVER.bare_share, *COVER.least_skin])
-        paint_over(brows, np.ascontiguousarray(skin), numbers, part)
+        paint_over(brows, skin, numbers, part)
 
 
 @kernel
@@ -249,11 +249,10 @@ def paint_over(brows: F32, skin: F32, numbers: F64, part: U8) -> None:
     size, side = part.shape[1::-1], 2 * int(reach) + 1
     square = cv2.getStructuringElement(cv2.MORPH_RECT, (side, side))
     grown = np.asarray(cv2.GaussianBlur(cv2.dilate(brows, square), (0, 0), side / 4), np.float32)
-    cells = cv2.resize(part, brows.shape[::-1], interpolation=cv2.INTER_AREA)
+    cells = cv2.resize(part.astype(np.float32), brows.shape[::-1], interpolation=cv2.INTER_AREA)
     weight = np.asarray(ramp(skin, bare_share) * (1 - ramp(grown, brow_share)))
     known = np.asarray(cv2.GaussianBlur(weight, (0, 0), sigma), np.float32)
     beside = cv2.GaussianBlur(cells * weight[..., None], (0, 0), sigma)
     beside = np.asarray(beside / np.maximum(known, np.float32(1e-6))[..., None])
-    share = cv2.resize(np.asarray(grown * ramp(known, least_skin)), size)
-    paint = cv2.resize(cv2.convertScaleAbs(beside), size)
-    part[:] = cv2.blendLinear(paint, np.ascontiguousarray(part), share, 1 - share)
+    share = cv2.resize(np.asarray(grown * ramp(known, least_skin)), size)[..., None]
+    part[:] = np.rint(part + share * (cv2.resize(beside, size) - part))
