@@ -112,13 +112,12 @@ class TexelSums:
     def __call__(self, values: Floating, weights: Floating) -> F32:
         """Planes (c + 1, h, w): sums of weights (t,) times values (t, c), then of the weights."""
         sums = np.empty((values.shape[1] + 1, *self._size), np.float32)
-        values, weights = (np.ascontiguousarray(one, np.float32) for one in (values, weights))
         texel_sums(self._corners, self._shares, values, weights, sums)
         return sums
 
 
 @kernel
-def texel_sums(corners: Int, shares: F64, values: F32, weights: F32, sums: F32) -> None:
+def texel_sums(corners: Int, shares: F64, values: Floating, weights: Floating, sums: F32) -> None:
     """Planes (c + 1, h, w): sums of weights (t,) times values (t, c), then of the weights.
 
     corners, shares : (4, t) flat indices of the cells around each texel, and its share in each.

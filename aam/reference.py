@@ -176,7 +176,7 @@ class MeshSampler:
     def positions(self, shape: Floating) -> F32:
         """Where the places (n, 2) lie on a shape (81, 2), in the shape's pixels; piecewise affine."""
         places = np.empty((self.weights.shape[1], 2), np.float32)
-        mesh_positions(np.ascontiguousarray(shape, np.float64), self.vertices, self.weights, places)
+        mesh_positions(shape, self.vertices, self.weights, places)
         return places
 
     def sample(self, image: U8 | F32, shape: Floating) -> F32:
@@ -185,7 +185,7 @@ class MeshSampler:
 
 
 @kernel
-def mesh_positions(points: F64, vertices: Int, weights: F32, places: F32) -> None:
+def mesh_positions(points: Floating, vertices: Int, weights: F32, places: F32) -> None:
     """Where places of a mesh lie.
 
     Parameters
@@ -194,7 +194,7 @@ def mesh_positions(points: F64, vertices: Int, weights: F32, places: F32) -> Non
     vertices, weights : (3, n), see `MeshSampler`.
     places : (n, 2), pixels, which is written.
     """
-    plane = points.astype(np.float32).view(np.complex64)[:, 0]  # x + i y: one gather for both
+    plane = np.ascontiguousarray(points, np.float32).view(np.complex64)[:, 0]  # x + i y: one gather for both
     terms = plane[vertices]
     terms *= weights
     terms[0] += terms[1]

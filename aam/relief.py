@@ -80,7 +80,6 @@ class Relief:
         across : (2,) pixels by which a point one face width farther away is seen elsewhere.
         """
         flat, seen = self._on_flat, np.empty(self.points.shape)
-        points, across = (np.ascontiguousarray(given, np.float64) for given in (points, across))
         depth = self.depth[len(points) :]
         relief_seen(points, flat.vertices, flat.weights, depth, across, BEYOND_HULL, seen)
         return seen

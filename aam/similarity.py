@@ -221,10 +221,7 @@ def align_planar(source: F64, target: F64, weights: F64) -> PlanarSimilarity:
     Weights (n,) must sum to 1 and the source must have extent; neither is checked here.
     """
     made = np.empty(4)
-    planar_similarity(
-        np.ascontiguousarray(source, np.float64), np.ascontiguousarray(target, np.float64),
-        np.ascontiguousarray(weights, np.float64), made,
-    )  # fmt: skip
+    planar_similarity(source, target, weights, made)
     return PlanarSimilarity(*made.tolist())
 
 
@@ -242,7 +239,7 @@ def planar_similarity(source: F64, target: F64, weights: F64, made: F64) -> None
 
 def _centred(points: F64, weights: F64) -> tuple[complex, Complex]:
     """Their weighted mean and what they are away from it (n,), as x + iy."""
-    plane: Complex = points.view(np.complex128)[:, 0]
+    plane: Complex = np.ascontiguousarray(points, np.float64).view(np.complex128)[:, 0]
     mean = complex(weights @ plane)
     return mean, plane - mean
 

@@ -68,6 +68,7 @@ class Frame:
         self._video = picture if isinstance(picture, av.VideoFrame) else None
         self._rgb = None if isinstance(picture, av.VideoFrame) else picture
         self._planes: tuple[Plane, ...] | None = None
+        self._shown: tuple[Plane, ...] | None = None
         self._luma: Plane | None = None
         if isinstance(picture, av.VideoFrame):
             stored, self.duration = (picture.width, picture.height), picture.duration or 0
@@ -80,6 +81,7 @@ class Frame:
         self._stored_shift = self._shift
         if orientation.transpose:
             self._shift = (self._shift[1], self._shift[0])
+        self._grids = self._grid(0), self._grid(1)
 
     @classmethod
     def from_rgb(
@@ -143,8 +145,10 @@ class Frame:
             self._planes = plane_arrays(self._video)[:3]
         return self._planes
 
-    def _shown_planes(self) -> list[Plane]:
-        return [self.orientation.view(plane) for plane in self._stored_planes()]
+    def _shown_planes(self) -> tuple[Plane, ...]:
+        if self._shown is None:
+            self._shown = tuple(self.orientation.view(plane) for plane in self._stored_planes())
+        return self._shown
 
     # -- the chroma grid along one shown axis -------------------------------------------------------------
 
@@ -159,7 +163,7 @@ class Frame:
 
     def _align_axis(self, low: float, high: float, axis: int) -> tuple[int, int]:
         """The smallest clipped interval on the chroma grid over [low, high); returns start and length."""
-        length, shift, offset = self._grid(axis)
+        length, shift, offset = self._grids[axis]
         first = min(max(math.floor(low), 0), length)
         last = min(max(math.ceil(high), first), length)
         start = max((((first + offset) >> shift) << shift) - offset, 0)
@@ -167,7 +171,7 @@ class Frame:
 
     def _cells(self, start: int, length: int, axis: int) -> tuple[int, int, int]:
         """Chroma samples [first, last) over an interval, and pixels of the first one before it."""
-        _, shift, offset = self._grid(axis)
+        _, shift, offset = self._grids[axis]
         first = (start + offset) >> shift
         last = ((start + length - 1 + offset) >> shift) + 1
         return first, last, start + offset - (first << shift)
@@ -202,7 +206,7 @@ class Frame:
             gbr = np.empty((h, w, 3), np.uint8)  # three copies of planes: many times faster than an index
             gbr[..., 0], gbr[..., 1], gbr[..., 2] = shown[..., 1], shown[..., 2], shown[..., 0]
             return gbr
-        luma, *chroma = (side_by_side(plane) for plane in self._shown_planes())
+        luma, *chroma = self._shown_planes()
         made = np.empty((h, w, 3), np.uint8)
         if not chroma:
             made[..., 0], made[..., 1:] = luma[y0 : y0 + h, x0 : x0 + w], 128
@@ -290,7 +294,7 @@ class Frame:
         luma, *chroma = (side_by_side(plane) for plane in self._shown_planes())
         first, second = chroma or (_GREY, _GREY)
         steps = [1 << shift for shift in self._shift]
-        before = [(step - 1) / 2 - self._grid(axis)[2] for axis, step in enumerate(steps)]
+        before = [(step - 1) / 2 - self._grids[axis][2] for axis, step in enumerate(steps)]
         return luma, first, second, np.array([1 / steps[0], 1 / steps[1], *before])
 
     def rgb(self) -> Plane:
@@ -340,14 +344,14 @@ class Frame:
             sample_picture(self._rgb, points, made)
             return made
         luma, *chroma = self._stored_planes()
-        first, second = (side_by_side(plane) for plane in chroma) if chroma else (_GREY, _GREY)
+        first, second = chroma or (_GREY, _GREY)
         sample_planes(luma, first, second, points, self._to_chroma, self.colour.to_rgb, made)
         return made
 
     @property
     def _to_chroma(self) -> NDArray[np.float32]:
         """See `sample_planes`: chroma samples are centred on their cells, but in MPEG on even columns."""
-        x, y = (1 << shift for shift in self._stored_shift)
+        x, y = 1 << self._stored_shift[0], 1 << self._stored_shift[1]
         mpeg = self._video is not None and not self._video.format.name.startswith("yuvj")
         return np.array([1 / x, 1 / y, 0 if mpeg else (x - 1) / 2, (y - 1) / 2], np.float32)
 
