@@ -106,10 +106,7 @@ class BackgroundDetector(Closing):
         self._frame: Frame | None = None
         self._found: Future[RolledBoxes] | None = None
         self._last: Search | None = None
-        self._looks, self._since_look = (
-            0,
-            LIMITS.look_interval_frames,
-        )  # taken in turn, and frames since the last
+        self._looks, self._since_look = 0, LIMITS.look_interval_frames  # taken, and frames since the last
         self._telling: set[int] = set()  # looks that have just shown somebody
 
     def submit(self, frame: Frame, followed: Sequence[F32] | None = None) -> None:
@@ -156,8 +153,8 @@ class BackgroundDetector(Closing):
         sure = found.and_others(seen)
         seen = _beside(seen, sure[_are_certain(sure, known)].boxes, known)
         kept = [
-            (score >= LIMITS.min_certain_score or self._looks_like_face(picture, box, turn, known))
-            and not any(is_same(box, one) for one in found.boxes)
+            not any(is_same(box, one) for one in found.boxes)
+            and (score >= LIMITS.min_certain_score or self._looks_like_face(picture, box, turn, known))
             for box, score, turn in zip(seen.boxes, seen.scores, seen.turns, strict=True)
         ]
         return seen[np.array(kept, bool)]

@@ -90,12 +90,13 @@ class Noted(Output):
 
     Attributes
     ----------
-    times : when each picture had been shown, `time.perf_counter`.
+    times : when each picture had been shown, `time.perf_counter`.   covered : pictures with a cover.
     """
 
     def __init__(self, inner: Output | None, after: Callable[[], None]) -> None:
         self.main_thread = inner is not None and inner.main_thread
         self.times: list[float] = []
+        self.covered = 0
         self._inner, self._after = inner, after
 
     def open(self, width: int, height: int, fps: float) -> None:
@@ -106,6 +107,7 @@ class Noted(Output):
         if self._inner is not None:
             self._inner.show(shown)
         self.times.append(time.perf_counter())
+        self.covered += shown.result.covered > 0
         self._after()
 
     def pump(self) -> bool:

@@ -17,7 +17,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
@@ -46,11 +46,15 @@ WAYS: dict[str, Callable[[], Output | None]] = {"nowhere": lambda: None, "window
 
 @dataclass(frozen=True)
 class Rate:
-    """Frames a second that were presented, and milliseconds of the processor that one took, all and in parts."""
+    """Frames a second that were presented, and milliseconds of the processor that one took, all and in parts.
+
+    covered : frames in which something was covered, though there is nobody but who is swapped.
+    """
 
     fps: float
     processor: float
     parts: tuple[float, ...] = (0.0,) * len(SPLIT)
+    covered: int = 0
 
 
 def sustained(scene: Scene, output: Output | None, frames: int) -> Rate:
@@ -66,7 +70,8 @@ def sustained(scene: Scene, output: Output | None, frames: int) -> Rate:
 
         noted = Noted(output, after)
         played(scene, capture, [noted])
-    return _rate(noted.times[: WARM_UP_FRAMES + frames], spent[0], spent[1])
+    rate = _rate(noted.times[: WARM_UP_FRAMES + frames], spent[0], spent[1])
+    return replace(rate, covered=noted.covered)
 
 
 def at_own_pace(scene: Scene, output: Output | None, frames: int) -> PipelineStats:
@@ -169,6 +174,11 @@ def report(found: dict[tuple[str, str], list[Rate]], late: dict[str, list[Pipeli
         ] + [
             Criterion(f"{size}, to nowhere, processor a frame", spent[size, "nowhere"], "<=", target, "ms")
             for size, target in PROCESSOR_TARGETS_MS.items() if (size, "nowhere") in spent
+        ] + [
+            Criterion(
+                "frames with a cover, though nobody else is there",
+                float(sum(rate.covered for rates in found.values() for rate in rates)), "<=", 0.0,
+            )
         ] + [
             Criterion(f"latency to nowhere over {FILE}, {what}", measured / own[way], "<=", target)
             for way, *measures, _ in delays if way == "nowhere" and way in own
