@@ -32,12 +32,13 @@ class ShippedNetwork:
     ----------
     name : of the file in aam/data.
     threads : of onnxruntime within one call.
+    keeps : whether the memory of its layers is kept from call to call: those of large pictures would take new pages.
     """
 
-    def __init__(self, name: str, threads: int = 1) -> None:
+    def __init__(self, name: str, threads: int = 1, *, keeps: bool = False) -> None:
         self._session: Any = None
         self._error: BaseException | None = None
-        self._path, self._threads = DATA / name, threads
+        self._path, self._threads, self._keeps = DATA / name, threads, keeps
         self._thread = threading.Thread(target=self._open, name=f"open {name}")
         self._thread.start()
 
@@ -51,7 +52,7 @@ class ShippedNetwork:
 
     def _open(self) -> None:
         try:
-            self._session = _session(str(self._path), self._threads)
+            self._session = _session(str(self._path), self._threads, self._keeps)
         except BaseException as error:
             self._error = error
 
@@ -61,14 +62,15 @@ def open_session(model: bytes, threads: int = 1) -> Any:
     return _session(without_tiny_weights(model), threads)
 
 
-def _session(model: bytes | str, threads: int) -> Any:
+def _session(model: bytes | str, threads: int, keeps: bool = False) -> Any:
     """A session for a model's bytes or path."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
-    options.enable_cpu_mem_arena = False  # which grows to twice of what is needed, in each session
+    options.enable_cpu_mem_arena = keeps  # in each session, and twice of what is needed
+    options.enable_mem_pattern = not keeps  # where all layers get one block
     options.log_severity_level = 4
     return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
 

@@ -14,8 +14,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-_TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8  # of mallopt, malloc.h
-_RETURNED_BYTES = 1 << 24  # that go back to the system at once; fewer would be new pages in each frame
+_MMAP_THRESHOLD, _ARENA_MAX = -3, -8  # of mallopt, malloc.h
+_RETURNED_BYTES = 1 << 22  # size from which freed memory is returned to the system
 _MAX_HEAPS = 2
 
 
@@ -39,7 +39,6 @@ def _set(parameter: int, value: int) -> ctypes.CDLL | None:
 def _glibc() -> ctypes.CDLL | None:
     """The C library, configured to return large blocks; None if it is not glibc."""
     _set(_ARENA_MAX, _MAX_HEAPS)
-    _set(_TRIM_THRESHOLD, _RETURNED_BYTES)
     return _set(_MMAP_THRESHOLD, _RETURNED_BYTES)
 
 

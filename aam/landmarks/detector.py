@@ -60,7 +60,7 @@ class FaceDetector:
     def __post_init__(self) -> None:
         """Check the options and load the network."""
         check_smallest(self.smallest)
-        self._session = ShippedNetwork("detector.onnx", self.threads)
+        self._session = ShippedNetwork("detector.onnx", self.threads, keeps=True)
 
     def detect(self, image: U8) -> F32:
         """Boxes (n, 4)."""

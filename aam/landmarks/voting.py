@@ -109,7 +109,7 @@ class VotingDetector:
 
     def __init__(self, min_score: float = 0.5, threads: int = 1) -> None:
         self._min_score = min_score
-        self._session = ShippedNetwork("audit.onnx", threads)
+        self._session = ShippedNetwork("audit.onnx", threads, keeps=True)
 
     def search(self, image: U8, smallest: float) -> RolledBoxes:
         """Faces of at least `smallest` pixels in a picture RGB (h, w, 3), also those that its sides cut."""
