@@ -210,8 +210,8 @@ class BuiltinLandmarker:
         square = upright_square(previous.points.astype(np.float64))
         asks = previous.confidence < LIMITS.sure_confidence
         found = self._pass(rgb, *square, asks=asks)
-        if not asks and not self._is_sure(found):
-            found = self._pass(rgb, *square)
+        if not asks and self._judgement(rgb, found, -math.inf)[0] < LIMITS.sure_confidence:
+            found = self._pass(rgb, *square)  # the points alone don't say that there is a face
         return self._judged(rgb, found)
 
     def points_in_box(self, rgb: U8, box: NDArray[Any], turn: float = 0.0) -> Face | None:
@@ -266,21 +266,19 @@ class BuiltinLandmarker:
         return Prediction(points, sigma, float(face[0]) if asks else math.inf)
 
     def _judged(self, rgb: U8, found: Prediction) -> Face | None:
-        certain, (height, width) = np.empty(len(found.points), np.float32), rgb.shape[:2]
-        bias, rules = self._calibration.bias(found.logit), self._calibration.rules
-        confidence = judge_points(
-            found.points, found.sigma, bias, width, height, OUTER_EYE_CORNERS, rules, certain
-        )
+        confidence, certain = self._judgement(rgb, found, found.logit)
         if not confidence:
             return None
         points = found.points if self._correction is None else self._correction(found.points)
         return Face.around(points, confidence, certain)
 
-    def _is_sure(self, found: Prediction) -> bool:
-        """Whether the points alone say that there is a face, whatever it looks like."""
-        return found.is_usable and (
-            self._calibration.confidence(found.sigma, found.eyes, -math.inf) >= LIMITS.sure_confidence
-        )
+    def _judgement(self, rgb: U8, found: Prediction, logit: float) -> tuple[float, F32]:
+        """The confidence, 0 for points that are no face's, and the probability (81,) of each point."""
+        certain, (height, width) = np.empty(len(found.points), np.float32), rgb.shape[:2]
+        bias, rules = self._calibration.bias(logit), self._calibration.rules
+        return judge_points(
+            found.points, found.sigma, bias, width, height, OUTER_EYE_CORNERS, rules, certain
+        ), certain
 
     def _is_hopeful(self, first: Prediction) -> bool:
         return (
