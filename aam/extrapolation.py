@@ -125,7 +125,7 @@ class Extrapolator:
         away *= np.float32(self._alpha) * soft
         matrix += away
         matrix *= shown
-        return cv2.transpose(np.concatenate([matrix, -shown * target], axis=1))
+        return np.asarray(cv2.transpose(np.concatenate([matrix, -shown * target], axis=1)), np.float32)
 
     @property
     def matrix(self) -> F32:
