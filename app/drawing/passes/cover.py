@@ -55,7 +55,7 @@ from guise.app.drawing.face import (
 )
 from guise.app.drawing.memory import CoverMemory, Memory
 from guise.app.media import Frame
-from guise.common.arrays import F32, F64, Bool
+from guise.common.arrays import F32, F64, I32, Bool
 from guise.common.decay import Decay
 from guise.common.small import mean
 from guise.common.tuned import tuned
@@ -366,8 +366,8 @@ class _Cells:
         """Share (n,) of the cells that hair (n,) hides which reaches over the rim of the face, above the mouth."""
         hair = ramp(hair, LIMITS.hair_share)
         inside = (hair.reshape(self._grid.size) > MIN_SHARE) & self._face
-        _, labels = cv2.connectedComponents(inside.astype(np.uint8))
-        there = inside & np.isin(labels, labels[self._rim & inside])
+        labels = _patches(inside)
+        there = inside & _among(labels, labels[self._rim & inside])
         return (
             np.where((there | ~self._face).ravel(), hair * self._weights[0], np.float32(0))
             * self._above_mouth
@@ -394,13 +394,13 @@ class _Cells:
         What lies in the person's beard for the most part is that.
         """
         inside = thing.reshape(self._grid.size) > MIN_SHARE
-        _, labels = cv2.connectedComponents((inside & self._face).astype(np.uint8))
-        reaching = np.isin(labels, labels[self._rim & inside])
+        labels = _patches(inside & self._face)
+        reaching = _among(labels, labels[self._rim & inside])
         if self._beard is not None:
             reaching &= (np.bincount(labels.ravel(), 1 - 2 * self._beard) > 0)[labels]
         if before is not None:
             there = (before > MIN_SHARE).reshape(self._grid.size)
-            reaching &= np.isin(labels, labels[inside & there])
+            reaching &= _among(labels, labels[inside & there])
         return np.where((reaching & inside | ~self._face).ravel(), thing, np.float32(0))
 
     def reaching_in(self, thing: F32, hair: F32, hair_coloured: F32) -> tuple[F32, bool]:
@@ -431,6 +431,18 @@ class _Cells:
         """The share (n,) of the cells without what has no counterpart: an eye in the shade is no glass."""
         other = cv2.dilate(glasses.reshape(self._grid.size)[:, self._mirrored], self._reach)
         return np.minimum(glasses, other.ravel())
+
+
+def _patches(inside: Bool) -> I32:
+    """(h, w) a number for each connected patch of what is inside, and 0 for the rest."""
+    return np.asarray(cv2.connectedComponents(inside.view(np.uint8))[1], np.int32)
+
+
+def _among(labels: I32, chosen: I32) -> Bool:
+    """(h, w) whether labels are among those chosen (n,): numpy.isin by a table, several times as fast."""
+    table = np.zeros(labels.size + 1, bool)
+    table[chosen] = True
+    return np.asarray(table[labels])
 
 
 def _steady(kept: CoverMemory, worn: F32, since: float) -> F32:
