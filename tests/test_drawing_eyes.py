@@ -9,7 +9,7 @@ from made_up import SAMPLES
 from models import model_file
 from numpy.testing import assert_allclose
 
-from guise.aam.irises import Irises
+from guise.aam.irises import Irises, nose_length
 from guise.aam.landmarks.schemes import (
     EYES,
     INNER_LIPS,
@@ -57,7 +57,8 @@ def filled(
     """A picture with what a rectangle shows of a head (81, 2)."""
     face = drawn_on(roi, head, picture, fine=fine)
     face.parsed = parsing
-    aperture.fill(face, Memory(), ShutShares(FRAME.points)(eye_openings(head)))
+    shut = ShutShares(FRAME.points)(eye_openings(head))
+    aperture.fill(face, Memory(), shut, head, nose_length(head))
     return picture
 
 

@@ -193,21 +193,23 @@ class Aperture:
             self._tint = tint(lids, self._eye)
             self._width = width_to_nose(part, at_rest)
 
-    def fill(self, face: FaceInFrame, memory: Memory, shut: tuple[float, float]) -> None:
+    def fill(
+        self, face: FaceInFrame, memory: Memory, shut: tuple[float, float], head: F64, nose: float
+    ) -> None:
         """Lay what the frame shows of the head there into the picture.
 
-        shut : of its right and left eye, see `ShutShares`.
+        shut : of its right and left eye, see `ShutShares`.   head, nose : (81, 2) in the rectangle, see `nose_length`.
         """
         shown = shut[self._eye] if self._only_shut else 1.0
         if shown == 0:
             return
-        canvas, head, parsing = face.canvas, face.head - face.canvas.corner, face.parsed
+        canvas, parsing = face.canvas, face.parsed
         picture, share = canvas.picture[self._place], self._share
         own, places = np.empty(picture.shape, np.float32), np.empty((share.size, 2), np.float32)
         corners, weights = self._sampler.vertices, self._sampler.weights
         show_through(corners, weights, head, canvas.roi, LIMITS.sharpening, places, own)
         if self._tint is not None:
-            axes = eye_axes(head[self._part], self._width * nose_length(head))
+            axes = eye_axes(head[self._part], self._width * nose)
             open_, step = 1 - shut[self._eye], memory.clock.step
             self._tint.apply(own, places, axes, parsing, face.frame.yuv, memory.gaze, open_, step)
         if self._only_shut:
@@ -292,9 +294,9 @@ class Apertures:
     def draw(self, face: FaceInFrame, memory: Memory) -> None:
         """Draw them into the picture."""
         openings, factor = eye_openings(face.head), 1 + face.canvas.fine
-        shut = self._shut(openings)
+        shut, head, nose = self._shut(openings), face.head - face.canvas.corner, nose_length(face.head)
         for aperture in self._apertures(factor):
-            aperture.fill(face, memory, shut)
+            aperture.fill(face, memory, shut, head, nose)
         for lid in self._lids(factor):
             lid.fill(face.canvas.picture, self._drawn_shut(openings))
 
@@ -311,8 +313,8 @@ class ShutShares:
 
     def __call__(self, openings: tuple[float, float]) -> tuple[float, float]:
         """Shares in [0, 1] of the right and the left eye for the `eye_openings` of a shape."""
-        right, left = (now / at_rest for now, at_rest in zip(openings, self._openings, strict=True))
-        return self._share(right), self._share(left)
+        right, left = self._openings
+        return self._share(openings[0] / right), self._share(openings[1] / left)
 
     def _share(self, opening: float) -> float:
         return min(max((self._first - opening) / (self._first - self._last), 0.0), 1.0)

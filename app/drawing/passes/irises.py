@@ -161,6 +161,9 @@ class TintNumbers(NamedTuple):
     kept: float = 0.0
 
 
+SHOWN, KEPT = (TintNumbers._fields.index(name) for name in ("shown", "kept"))
+
+
 class IrisTint:
     """Gives one eye of the source the identity's iris, frame by frame.
 
@@ -181,7 +184,7 @@ class IrisTint:
         contrast = 1 - own
         direction = contrast / max(float(contrast @ contrast), 1e-3)
         self._factors = np.array([other / own, direction], np.float32)
-        self._numbers = TintNumbers(
+        numbers = TintNumbers(
             is_light=change.is_light,
             lightens=change.lightens,
             radius=change.source.radius,
@@ -189,6 +192,7 @@ class IrisTint:
             blur=max(LIMITS.shade_eye_widths * inside.any(0).sum(), 0.5),
             moved=LIMITS.moved[change.is_light],
         )
+        self._numbers = np.concatenate([numbers, TOLD])
 
     def apply(
         self, eye: F32, places: F32, axes: F32, parsing: Parsing | None, colour: ColourMatrix, gaze: GazeMemory,
@@ -201,8 +205,8 @@ class IrisTint:
         """
         cells = NO_CELLS if parsing is None else parsing.shares[FaceClass.EYES]
         to_cells = STRAIGHT if parsing is None else parsing.to_cells
-        told = self._numbers._replace(shown=shown, kept=LIMITS.memory.over(step))
-        numbers = np.concatenate([told, TOLD])
+        numbers = self._numbers
+        numbers[SHOWN], numbers[KEPT] = shown, LIMITS.memory.over(step)
         found = np.array([gaze.parsed[self._eye], gaze.places[self._eye]], np.float64)
         tint_iris(
             places, axes, cells, to_cells, self._lids, self._looked_at, colour.to_rgb, colour.from_rgb, MOVES,
