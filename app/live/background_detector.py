@@ -44,7 +44,7 @@ class BackgroundLimits:
     min_landmark_score: float = 0.5  # of a box in which landmarks are sought
     look_interval_frames: int = 3  # from one other look to the next, beside a certain upright face
     whole_interval_frames: int = 6  # from one search of all to the next, while one of parts is enough
-    max_parts_share: float = 0.5  # of the picture, up to which it is
+    max_parts_share: float = 0.25  # of the picture, up to which it is
     margin_cells: int = 3  # of a part, about what has changed
     min_still_iou: float = 0.5  # of the certain face with where it is followed
     cell_pixels: int = 8  # of the downscaled frame, over whose mean changes are noticed; more than noise and
