@@ -58,7 +58,7 @@ from guise.app.media import Frame
 from guise.common.arrays import F32, F64, I32, Bool
 from guise.common.decay import Decay
 from guise.common.small import mean
-from guise.common.tuned import tuned
+from guise.common.tuned import derived, tuned
 
 
 @dataclass(frozen=True)
@@ -120,6 +120,7 @@ SURE_KINDS = (
     (FaceClass.OCCLUDER, LIMITS.sure_object_share),
     (FaceClass.HAIR, (0.0, 1.0)),
 )
+LEAST = derived(1e-6, "share", "far below what a byte shows")
 EYES = RIGHT_EYE, LEFT_EYE
 BESIDE = (FaceClass.BACKGROUND, LIMITS.hair_share)
 
@@ -449,6 +450,7 @@ def _steady(kept: CoverMemory, worn: F32, since: float) -> F32:
     """The share (n,) of the cells that what comes and goes slowly hides, with memory."""
     if kept.worn is not None:
         worn = worn + np.float32(LIMITS.memory.over(since)) * (kept.worn - worn)
+        worn[worn < LEAST] = 0  # what fades for ever gets too small to be multiplied quickly
     kept.worn = worn
     return worn
 
