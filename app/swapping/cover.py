@@ -106,11 +106,11 @@ def cover(
     shape = _coverage(rectangle - (x0, y0, x0, y0), (h, w))
     if opacity < 1:
         shape = np.round(shape * opacity).astype(np.uint8)
-    rim = (shape > 0) & (shape < OPAQUE)
-    alpha = shape[rim][:, None].astype(np.float32) / np.float32(OPAQUE)
-    softened = np.round(roi[rim] + alpha * (hidden[rim].astype(np.float32) - roi[rim]))
+    rim = np.flatnonzero((shape > 0) & (shape < OPAQUE))
+    before, after = (picture.reshape(-1, 3)[rim].astype(np.float32) for picture in (roi, hidden))
+    alpha = shape.ravel()[rim, None].astype(np.float32) / np.float32(OPAQUE)
     cv2.copyTo(hidden, shape, roi)  # wherever it covers at all, as most of it is opaque
-    roi[rim] = softened
+    roi.reshape(-1, 3)[rim] = np.round(before + alpha * (after - before))
     frame.write_roi(x0, y0, roi, shape)
     return x0, y0, x0 + w, y0 + h
 
@@ -128,7 +128,8 @@ def _filling(frame: Frame, roi: U8, covering: Covering) -> U8:
     if covering.style == "solid":
         matrix = frame.colour.from_rgb
         grey = matrix[:, :3].sum(1) * COVER.grey_level + matrix[:, 3]
-        return np.broadcast_to(np.round(grey).astype(np.uint8), roi.shape)
+        row = np.tile(np.round(grey).astype(np.uint8), (1, roi.shape[1], 1))
+        return np.repeat(row, roi.shape[0], axis=0)  # whole rows are copied many times faster than pixels
     h, w = roi.shape[:2]
     cells = [max(1, round(covering.cells * side / max(w, h))) for side in (w, h)]
     few = cv2.resize(roi, cells, interpolation=cv2.INTER_AREA)
