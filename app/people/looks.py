@@ -135,19 +135,18 @@ def _boxed(face: Face) -> Face:
 def _patch(rgb: U8, box: F32) -> U8 | None:
     """The green of a box (4,) and of what is about it, small."""
     margin = LIMITS.margin_sides * (box[2:] - box[:2])
-    return small_picture(
-        rgb[..., 1], np.concatenate([box[:2] - margin, box[2:] + margin]), LIMITS.patch_pixels
-    )
+    return small_picture(rgb, np.concatenate([box[:2] - margin, box[2:] + margin]), LIMITS.patch_pixels)
 
 
-def small_picture(grey: NDArray[Any], box: NDArray[np.floating], side: int) -> U8 | None:
-    """A box (4,) as a picture of so many pixels a side; None when it is not in the picture (h, w)."""
-    limit = np.array(grey.shape[::-1])
+def small_picture(picture: NDArray[Any], box: NDArray[np.floating], side: int) -> U8 | None:
+    """A box (4,) of a picture (h, w), or of the green of one (h, w, 3), with so many pixels a side; None beside it."""
+    limit = np.array(picture.shape[1::-1])
     x0, y0 = np.clip(np.floor(box[:2]), 0, limit).astype(int)
     x1, y1 = np.clip(np.ceil(box[2:]) + 1, 0, limit).astype(int)
     if x1 - x0 < 2 or y1 - y0 < 2:
         return None
-    part = np.ascontiguousarray(grey[y0:y1, x0:x1])
+    part = picture[y0:y1, x0:x1]
+    part = np.ascontiguousarray(part) if part.ndim == 2 else np.asarray(cv2.extractChannel(part, 1))
     while min(part.shape) >= LIMITS.halved_sides * side:
         part = halved(part[: part.shape[0] // 2 * 2, : part.shape[1] // 2 * 2])
     return np.asarray(cv2.resize(part, (side, side), interpolation=cv2.INTER_AREA), np.uint8)
