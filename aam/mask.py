@@ -160,14 +160,17 @@ def _distance(colours: F32, expected: F32, sample: F32) -> F64:
 
 def _tidy(face: Bool, reference: ReferenceFrame) -> Bool:
     """Open, close, keep the part that holds the core, fill holes."""
-    from scipy.ndimage import binary_fill_holes, label
-
     radius = max(1, round(LIMITS.tidy_radius_face_widths * reference.resolution))
     smooth = _disc(_disc(face.astype(np.uint8), radius, cv2.MORPH_CLOSE), radius, cv2.MORPH_OPEN) > 0
-    parts, _ = label(smooth | core_mask(reference))
+    parts = _parts(smooth | core_mask(reference))
     nose = np.round(reference.points[NOSE_TIP]).astype(int)
-    kept = binary_fill_holes(parts == parts[nose[1], nose[0]])
-    return np.asarray(kept & reference.mask)
+    around = _parts(np.pad(parts != parts[nose[1], nose[0]], 1, constant_values=True))
+    return np.asarray((around != around[0, 0])[1:-1, 1:-1] & reference.mask)
+
+
+def _parts(inside: Bool) -> Int:
+    """(h, w) number of the part, connected by sides, to which each pixel inside belongs; 0 outside."""
+    return np.asarray(cv2.connectedComponents(inside.astype(np.uint8), connectivity=4)[1])
 
 
 def _disc(picture: U8, radius: int, operation: int) -> U8:

@@ -258,12 +258,8 @@ def _ridge(kernel: F32, targets: F32, ridge: float, features: int) -> F32:
     kernel : (m, m) products of the samples' features; there are about as many samples as features, or fewer.
     ridge : damping as a share of the mean variance of the features, of which there are so many.
     """
-    from scipy.linalg import cho_factor, cho_solve
-
     damped = kernel + np.eye(len(kernel), dtype=np.float32) * np.float32(ridge * np.trace(kernel) / features)
-    return np.asarray(
-        cho_solve(cho_factor(damped, overwrite_a=True, check_finite=False), targets), np.float32
-    )
+    return np.asarray(np.linalg.solve(damped, targets), np.float32)
 
 
 def _texture_components(features: F32) -> Components:

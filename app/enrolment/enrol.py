@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.linalg  # noqa: F401  so that its threads are known to `one_thread`
 
 from guise.aam.brows import BrowLift
 from guise.aam.landmarks import (

@@ -66,8 +66,6 @@ class LiveCast:
 
     def prepare(self) -> None:
         """Load what a first swap would wait for; a model that cannot be used is told of when the run begins."""
-        import scipy.ndimage  # noqa: F401  of the training, a quarter of a second
-
         with suppress(GuiseError):
             Donor.of(self._opened[self.controls.settings.identity])
 

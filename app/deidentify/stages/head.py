@@ -13,7 +13,6 @@ from typing import TypeVar
 
 import cv2
 import numpy as np
-from scipy.spatial import Delaunay
 
 from guise.aam.landmarks.schemes import RIGID_WEIGHTS, SILHOUETTE
 from guise.aam.light import LUMA
@@ -145,6 +144,8 @@ class HeadPainter(Closing):
     """
 
     def __init__(self, still: HeadStill, renderer: str) -> None:
+        from scipy.spatial import Delaunay  # slow to import, and a face alone doesn't need it
+
         self._still, self._around = still, Around(still)
         # Index, corner, what was shown behind the head, and where.
         self._last: tuple[int, tuple[int, int], F32, F32] | None = None
