@@ -27,6 +27,7 @@ class KernelLimits:
 
 
 KERNEL = KernelLimits()
+LEAST = 1e-9  # sum of weights by which is divided
 FOLDED_COLUMNS = 256  # of places, as cv2.remap takes at most 32767
 
 
@@ -80,7 +81,7 @@ class Smoother:
     def means(self, sums: F32) -> F32:
         """Means (c, h, w) around each cell of planes (c + 1, h, w): weighted sums, then the sum of weights."""
         smooth = self(sums)
-        return np.asarray(smooth[:-1] / np.maximum(smooth[-1], 1e-9))
+        return np.asarray(smooth[:-1] / np.maximum(smooth[-1], LEAST))
 
 
 def gaussian_kernel(
@@ -99,6 +100,10 @@ class TexelSums:
     ----------
     size : (height, width) of the grid.
     places : (t, 2) of the texels.
+
+    Attributes
+    ----------
+    corners, shares : (4, t) flat indices of the cells around each texel, and its share in each.
     """
 
     def __init__(self, size: tuple[int, int], places: F32) -> None:
@@ -106,24 +111,27 @@ class TexelSums:
         corner = np.floor(places).astype(np.intp)
         x, y = (places - corner).T
         first = corner[:, 1] * size[1] + corner[:, 0]
-        self._corners = np.stack([first, first + 1, first + size[1], first + size[1] + 1])
-        self._shares = np.stack([(1 - y) * (1 - x), (1 - y) * x, y * (1 - x), y * x]).astype(np.float64)
+        self.corners = np.stack([first, first + 1, first + size[1], first + size[1] + 1])
+        self.shares = np.stack([(1 - y) * (1 - x), (1 - y) * x, y * (1 - x), y * x]).astype(np.float64)
 
-    def __call__(self, values: Floating, weights: Floating) -> F32:
-        """Planes (c + 1, h, w): sums of weights (t,) times values (t, c), then of the weights."""
-        sums = np.empty((values.shape[1] + 1, *self._size), np.float32)
-        texel_sums(self._corners, self._shares, values, weights, sums)
+    def __call__(self, values: Floating, seen: Floating, chosen: Int, weights: Floating) -> F32:
+        """Planes (c + d + 1, h, w), see `texel_sums`."""
+        sums = np.empty((values.shape[1] + seen.shape[1] + 1, *self._size), np.float32)
+        texel_sums(self.corners, self.shares, values, seen, chosen, weights, sums)
         return sums
 
 
 @kernel
-def texel_sums(corners: Int, shares: F64, values: Floating, weights: Floating, sums: F32) -> None:
-    """Planes (c + 1, h, w): sums of weights (t,) times values (t, c), then of the weights.
+def texel_sums(
+    corners: Int, shares: F64, values: Floating, seen: Floating, chosen: Int, weights: Floating, sums: F32
+) -> None:
+    """Planes (c + d + 1, h, w): weighted sums of values (t, c), of those chosen (t,) of others (n, d), and of weights.
 
     corners, shares : (4, t) flat indices of the cells around each texel, and its share in each.
+    weights : (n,) of the others.
     """
-    weighted = shares * weights
-    for plane, column in zip(sums.reshape(len(sums), -1), [*values.T, 1], strict=True):
+    weighted = shares * weights[chosen]
+    for plane, column in zip(sums.reshape(len(sums), -1), [*values.T, *seen[chosen].T, 1], strict=True):
         plane[:] = np.bincount(corners.ravel(), (weighted * column).ravel(), plane.size)
 
 

@@ -13,9 +13,13 @@ TEXELS = np.arange(0, len(FRAME.pixels), 2)
 def test_means_of_a_constant_are_that_constant_whatever_the_weights() -> None:
     grid = CoarseGrid(FRAME, 0.03)
     places = grid.places(TEXELS)
-    weights = np.random.default_rng(2).uniform(0, 1, len(TEXELS))
-    means = grid.smoother(0.05).means(TexelSums(grid.size, places)(np.full((len(TEXELS), 2), 7.0), weights))
-    assert means.shape == (2, *grid.size)
+    weights, seven, all_ = (
+        np.random.default_rng(2).uniform(0, 1, len(TEXELS)),
+        np.full((len(TEXELS), 1), 7.0),
+        np.arange(len(TEXELS)),
+    )
+    smooth = grid.smoother(0.05)(TexelSums(grid.size, places)(seven, seven, all_, weights))
+    means = smooth[:2] / smooth[2]
     assert_allclose(means, 7, rtol=1e-5)
 
 
@@ -24,6 +28,6 @@ def test_sums_are_read_where_they_were_put() -> None:
     places = grid.places(TEXELS)
     ramp = np.stack(np.meshgrid(*(np.arange(n, dtype=np.float32) for n in grid.size[::-1])))
     assert_allclose(CellReader(places)(ramp).T, places, atol=1 / 16)  # cv2.remap reads in steps of 1/32
-    sums = TexelSums(grid.size, places)(places, np.ones(len(places)))
+    sums = TexelSums(grid.size, places)(places, places[:, :0], np.arange(len(places)), np.ones(len(places)))
     assert_allclose(sums[:2].sum((1, 2)), places.sum(0), rtol=1e-4)
     assert_allclose((sums[2] * ramp).sum((1, 2)), places.sum(0), rtol=1e-4)

@@ -18,6 +18,7 @@ import guise.app.drawing.plan  # noqa: F401, so that all kernels are known
 from guise.aam.irises import LIMITS
 from guise.aam.mask import beyond_mask
 from guise.app.drawing.passes.irises import MOVES, TOLD, TintNumbers
+from guise.app.drawing.passes.light import TOLD as TOLD_OF_LIGHT
 from guise.app.drawing.passes.turned import _edges as edges_of
 from guise.app.drawing.passes.turned import _inner_edges as inner_edges
 from guise.common.kernels import COMPILED, RUNNING, TWINS
@@ -148,11 +149,18 @@ def test_lit_and_scattered(seed: int) -> None:
     shares = rng.random((2, len(in_parts))).astype(np.float32)
     parts, to_stored = (rng.normal(0.5, 0.2, shape).astype(np.float32) for shape in ((2, 3), (3, 4)))
 
+    skin = rng.permutation(len(pixels))[: len(pixels) // 2]
+    corners, corner_shares = rng.integers(0, cells[0].size, (4, len(skin))), rng.random((4, len(skin)))
+    at_rest = (texture[skin] + rng.normal(0, 9, (len(skin), 3))).astype(np.float32)
+
     def light() -> tuple[Any, ...]:
         planes = np.empty((3, len(pixels)), np.float32)
-        return texture, pixels, width, cells, 4.1, in_parts, shares, parts, to_stored, planes
+        return (
+            texture, pixels, width, 4.1, cells, skin, at_rest, corners, corner_shares, in_parts, shares, parts,
+            to_stored, planes,
+        )  # fmt: skip
 
-    made = both("lit", light, (9,))
+    made = both("lit", light, (13,))
     assert_alike(made, 0.01)
     planes, (beside, nearest) = made[0][0], beyond_mask(mask)
 
@@ -164,17 +172,46 @@ def test_lit_and_scattered(seed: int) -> None:
 
 @compiled
 @settings(max_examples=30, deadline=None)
-@given(seeds, st.integers(0, 300), st.integers(0, 7))
-def test_texel_sums(seed: int, texels: int, planes: int) -> None:
+@given(seeds, st.integers(0, 300), st.integers(0, 4), st.integers(0, 4))
+def test_texel_sums(seed: int, texels: int, planes: int, more: int) -> None:
     rng = np.random.default_rng(seed)
     corners, shares = rng.integers(0, 5 * 6, (4, texels)), rng.random((4, texels))
     values = rng.uniform(0, 255, (texels, planes)).astype(np.float32)
-    weights = rng.random(texels).astype(np.float32)
+    seen = rng.uniform(0, 255, (texels + 9, more)).astype(np.float32)
+    weights, chosen = rng.random(len(seen)).astype(np.float32), rng.integers(0, len(seen), texels)
 
     def arguments() -> tuple[Any, ...]:
-        return corners, shares, values, weights, np.empty((planes + 1, 5, 6), np.float32)
+        return corners, shares, values, seen, chosen, weights, np.empty((planes + more + 1, 5, 6), np.float32)
 
-    assert_alike(both("texel_sums", arguments, (4,)), 0.01)
+    assert_alike(both("texel_sums", arguments, (6,)), 0.01)
+
+
+@compiled
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.floats(0, 1), st.sampled_from([120.0, 255.0]))
+def test_move_light(seed: int, share: float, brightest: float) -> None:
+    rng = np.random.default_rng(seed)
+    size = tuple(int(side) for side in rng.integers(1, 30, 2))
+    weights = rng.uniform(0, 3, size) * (rng.random(size) < 0.9)
+    sums = np.concatenate([rng.uniform(20, brightest, (6, *size)) * weights, weights[None]]).astype(
+        np.float32
+    )
+    at_rest, kept = (rng.uniform(0.5, 2, (count, *size)).astype(np.float32) for count in (3, 6))
+    tone = rng.uniform(0.6, 1.6, 3).astype(np.float32)
+
+    def arguments() -> tuple[Any, ...]:
+        return (
+            sums,
+            100 * at_rest,
+            tone,
+            TOLD_OF_LIGHT,
+            kept,
+            share,
+            np.empty_like(kept),
+            np.empty(3, np.float32),
+        )
+
+    assert_alike(both("move_light", arguments, (6, 7)), 1e-3)
 
 
 @compiled

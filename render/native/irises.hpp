@@ -7,11 +7,6 @@ struct TintNumbers {
         catch_light, black, least_shade, most_shade;
 };
 
-// 0 up to the first value, 1 from the last, linear between them; the first may be the greater one.
-inline float ramp(float value, double first, double last) {
-    const float share = (value - float(first)) / float(last - first);
-    return std::min(std::max(share, 0.0f), 1.0f);
-}
 inline float luma_of(const float *rgb) { return (0.299f * rgb[0] + 0.587f * rgb[1]) + 0.114f * rgb[2]; }
 
 // Out: a colour (3,) by an affine map (3, 4).

@@ -25,6 +25,7 @@ namespace guise {
     K(lit) \
     K(merge_planes) \
     K(mesh_positions) \
+    K(move_light) \
     K(place_points) \
     K(paint_over) \
     K(planar_similarity) \
@@ -78,13 +79,17 @@ struct Kernels {
     void (*lay_over)(Array<const float> own, Array<const float> share, double shown, Array<u8> picture);
     void (*lay_skin)(Array<const u8> roi, Array<const float> cells, Array<const float> share, double sigma, double fold,
                      double amount, Array<u8> picture);
-    void (*lit)(Array<const float> texture, Array<const i64> pixels, i64 width, Array<const float> cells, double cell,
-                Array<const i64> in_parts, Array<const float> shares, Array<const float> parts,
+    void (*lit)(Array<const float> texture, Array<const i64> pixels, i64 width, double cell, Array<const float> light,
+                Array<const i64> skin, Array<const float> at_rest, Array<const i64> corners,
+                Array<const double> corner_shares, Array<const i64> in_parts, Array<const float> shares, Array<const float> parts,
                 Array<const float> to_stored, Array<float> planes);
     void (*merge_planes)(Array<const u8> luma, Array<const u8> u, Array<const u8> v, i64 shift_x, i64 shift_y,
                          i64 left, i64 top, Array<u8> out);
     void (*mesh_positions)(Array<const double> points, Array<const i64> vertices, Array<const float> weights,
                            Array<float> places);
+    void (*move_light)(Array<const float> sums, Array<const float> at_rest, Array<const float> tone,
+                       Array<const double> limits, Array<const float> kept, double share, Array<float> light,
+                       Array<float> change);
     void (*place_points)(Array<const float> found, Array<const float> deviations, Array<const double> to_picture,
                          Array<double> points, Array<double> sigma);
     void (*paint_over)(Array<const float> brows, Array<const float> skin, Array<const double> numbers, Array<u8> part);
@@ -107,7 +112,8 @@ struct Kernels {
                       double outlier, Array<double> rotation, Array<double> place, Array<double> amounts,
                       Array<double> solid);
     void (*texel_sums)(Array<const i64> corners, Array<const double> shares, Array<const float> values,
-                       Array<const float> weights, Array<float> sums);
+                       Array<const float> seen, Array<const i64> chosen, Array<const float> weights,
+                       Array<float> sums);
     void (*tint_iris)(Array<const float> places, Array<const float> axes, Array<const float> cells,
                       Array<const double> to_cells, Array<const float> lids, Array<const i64> looked_at,
                       Array<const float> to_rgb, Array<const float> from_rgb, Array<const double> moves,

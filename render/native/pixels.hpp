@@ -17,6 +17,12 @@ inline u8 over_255(unsigned value) {  // value / 255 rounded to nearest, for val
     return u8((value + (value >> 8)) >> 8);
 }
 
+// 0 up to the first value, 1 from the last, linear between them; the first may be the greater one.
+inline float ramp(float value, double first, double last) {
+    const float share = (value - float(first)) / float(last - first);
+    return std::min(std::max(share, 0.0f), 1.0f);
+}
+
 // Four floats, of which every set of instructions makes the same.
 #if defined(GUISE_X86)
 struct F4 {
