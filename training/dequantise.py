@@ -19,6 +19,7 @@ from onnx import numpy_helper
 from torch import Tensor, nn
 
 from guise.common.arrays import F32, U8
+from training.branches import joined
 from training.landmark_net import LandmarkNet
 
 
@@ -27,7 +28,7 @@ def load_shipped(net: LandmarkNet, path: Path, crops: U8) -> None:
 
     What the file does not hold, as the points of `face.onnx`, keeps the weights it has.
     """
-    graph = onnx.load(path).graph
+    graph = joined(onnx.load(path)).graph
     values = values_of(graph)
     state = net.state_dict()
     for name in set(values) & set(state):

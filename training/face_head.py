@@ -9,7 +9,7 @@ see `Goal.plain`; of hands, things and parts of pictures without a face as low a
 Both as they are and filled, as `guise.aam.landmarks.glances` judges them.  The first command keeps features in SHARDS,
 and may run several times at once with seeds of their own; FILE is the output of `mistaken.py`.  The second learns from
 all that are there, also from those that come meanwhile.  OUT receives `state.pt`, from which --resume goes on, and
-`landmarks.onnx`: the shipped network with the new head, which runs unless the input `looks` is false.
+`landmarks.onnx`: the shipped network with the new head, which runs as `branches.py` says.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ from guise.aam.landmarks.schemes import IBUG68, NOSE_BASE
 from guise.common.arrays import F32, F64, U8
 from training.augment import Props, Strength, negative, objects_alone, sample
 from training.backgrounds import faceless_photos, random_background
+from training.branches import FEATURES, branch, joined
 from training.canvas import SIZE
 from training.cutouts import make_props
 from training.data import Labelled, Packed, Pictures, load_parts, load_real
@@ -46,14 +47,6 @@ from training.patterns import before, is_plain
 from training.stored_weights import halve
 
 SHIPPED = Path(__file__).parents[1] / "aam" / "data" / "landmarks.onnx"
-# Names in the file of the trunk's features, (128, 8, 8), (64, 16, 16) and (32, 32, 32), and of what is known of the
-# whole face, (192,).
-FEATURES = (
-    "/coarse/coarse.2/Relu_output_0_DequantizeLinear_Output",
-    "/middle/middle.2/Relu_output_0_DequantizeLinear_Output",
-    "/fine.2/Relu_output_0_DequantizeLinear_Output",
-    "/whole/whole.1/Relu_output_0",
-)
 SHAPES = (128, 8, 8), (64, 16, 16), (32, 32, 32), (192,)
 CROPS = 1280  # in a shard
 LOWERED = 5.0  # of all logits at the end: faces' rise without a limit, and what looks like one has less again
@@ -260,7 +253,7 @@ def graft(head: Head, network: Path, path: Path) -> None:
         head.eval(), tuple(torch.zeros(1, *shape) for shape in SHAPES), str(alone), dynamo=False, opset_version=17,
         input_names=list(names), output_names=["face"],
     )  # fmt: skip
-    model, new = onnx.load(network), onnx.load(alone)
+    model, new = joined(onnx.load(network)), onnx.load(alone)
     alone.unlink()
     needed, nodes = set(FEATURES) | {"points", "sigma"}, []
     for node in reversed(model.graph.node):
@@ -284,6 +277,7 @@ def graft(head: Head, network: Path, path: Path) -> None:
     onnx.checker.check_model(model)
     onnx.save(model, path)
     halve(path)
+    branch(path)
 
 
 def if_asked(model: onnx.ModelProto, nodes: list[onnx.NodeProto]) -> None:

@@ -236,7 +236,8 @@ points of a face with a standard deviation for each, and whether there is a face
 - What tells faces from other things is a head of its own on the trunk's features (`training/face_head.py`): trained on
   faces behind what `training/patterns.py` draws, beyond the picture's sides, small, filled, blurred and as negatives,
   and on what the detector mistakes for faces (`training/mistaken.py`). It changes no point, takes a sixth of the time,
-  and doesn't run where the input `looks` is false.
+  and doesn't run where the input `looks` is false. Points, a third of the time, are NaN where it is below the input
+  `least` (`training/branches.py`).
 - Meant for faces from about 24 pixels up, turned by up to 75 degrees and rolled by up to 60 in the crop.
 - Not meant for recognising people or their emotions; it does neither.
 

@@ -59,7 +59,7 @@ class LandmarkNet(nn.Module):
         cells = SIZE // CELL
         centres = torch.arange(cells).float() * CELL + (CELL - 1) / 2
         ys, xs = torch.meshgrid(centres, centres, indexing="ij")
-        self.register_buffer("places", torch.stack([xs.flatten(), ys.flatten(), torch.ones(cells**2)], -1))
+        self.register_buffer("places", torch.stack([xs.flatten(), ys.flatten()], -1))
 
     def features(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Stem (n, w, 64, 64), pyramid (n, head, 32, 32) and coarsest features (n, 8 w, 8, 8) of crops."""
@@ -91,13 +91,8 @@ class LandmarkNet(nn.Module):
         """Mean features (n, k, c) and places (n, k, 2) under heat maps (k, c), from features (n, c, cells)."""
         with torch.autocast(features.device.type, enabled=False):
             features = features.float()
-            heat = torch.matmul(maps, features)
-            weight = torch.exp(heat - heat.amax(-1, keepdim=True).detach())
-            sums = torch.matmul(
-                weight, torch.cat([features.transpose(1, 2), self.places.expand(len(features), -1, 3)], -1)
-            )
-        means = sums[..., :-1] / sums[..., -1:]
-        return means[..., :-2], means[..., -2:]
+            weight = torch.softmax(torch.matmul(maps, features), -1)
+            return torch.matmul(weight, features.transpose(1, 2)), torch.matmul(weight, self.places)
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         mixed, _, _, log_sigma, face = self.parts(images)
