@@ -26,7 +26,7 @@ from guise.aam.tracker import (
     Tracker,
     cut,
 )
-from guise.aam.tracker_training import TrackerOptions, train_tracker
+from guise.aam.tracker_training import SOLVED_BLOCK, TrackerOptions, _solved, train_tracker
 
 Talk = tuple[list[np.ndarray], np.ndarray]
 FRAME = ReferenceFrame.canonical(FEATURE_RESOLUTION)
@@ -341,3 +341,13 @@ def test_every_stage_brings_the_shape_nearer(crops: tuple[list[Crop], list[np.nd
             errors += [error(fitted(tracker.fit(luma, start)).shape, truth) for tracker in stages]
     assert errors[1] < 0.8 * errors[0]
     assert errors[2] < 0.85 * errors[1]
+
+
+@pytest.mark.parametrize("size", [1, SOLVED_BLOCK, SOLVED_BLOCK + 1, 3 * SOLVED_BLOCK - 7])
+def test_equations_are_solved_by_blocks_as_by_the_general_solver(size: int) -> None:
+    rng = np.random.default_rng(size)
+    samples, right = rng.normal(size=(size, 200)).astype(np.float32), rng.normal(size=(size, 5))
+    matrix = samples @ samples.T + 20 * np.eye(size, dtype=np.float32)
+    found = _solved(matrix.copy(), right.astype(np.float32))
+    assert found.dtype == np.float32
+    assert_allclose(found, np.linalg.solve(matrix.astype(np.float64), right), atol=1e-5)
