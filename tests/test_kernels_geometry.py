@@ -13,6 +13,7 @@ from test_kernels import MOST_LEVELS, MOST_PIXELS, assert_alike, both, compiled,
 from guise.aam.landmarks.builtin import SIZE, calibration
 from guise.aam.landmarks.correction import FULL_TURN, MAX_FEATURE, PARTS, shipped
 from guise.aam.landmarks.crops import crop_to_picture
+from guise.aam.landmarks.detector import MIDDLE_GREY
 from guise.aam.landmarks.plausible import _MOTION as MOTION
 from guise.aam.landmarks.schemes import OUTER_EYE_CORNERS, RIGID_WEIGHTS
 from guise.aam.reference import POINTS, ReferenceFrame
@@ -302,3 +303,15 @@ def test_filter_shape(seed: int, noise: float) -> None:
         return shape, gain, OUTER_EYE_CORNERS, steps.copy(), last.copy()
 
     assert_alike(both("filter_shape", arguments, (3, 4)), MOST_PIXELS)
+
+
+@compiled
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.integers(1, 40), st.integers(1, 9))
+def test_colour_planes(seed: int, width: int, height: int) -> None:
+    wide = np.random.default_rng(seed).integers(0, 256, (height, width + 3, 3), np.uint8)
+
+    def arguments() -> tuple[Any, ...]:
+        return wide[:, 1 : width + 1], MIDDLE_GREY, np.zeros((3, height, width), np.float32)
+
+    assert_alike(both("colour_planes", arguments, (2,)), 0)

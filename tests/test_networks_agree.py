@@ -13,6 +13,7 @@ import numpy as np
 import onnxruntime
 import pytest
 
+from guise.aam.landmarks.detector import MIDDLE_GREY
 from guise.aam.onnx_model import DATA
 from guise.common.arrays import F32, U8
 
@@ -51,7 +52,10 @@ def answers(network: str, crop: U8, *, fused: bool = True) -> dict[str, F32]:
         DATA / f"{network}.onnx", options, providers=["CPUExecutionProvider"]
     )
     names = [output.name for output in session.get_outputs()]
-    return dict(zip(names, session.run(names, {session.get_inputs()[0].name: crop[None]}), strict=True))
+    given = crop[None]
+    if network == "detector":
+        given = np.ascontiguousarray(crop.transpose(2, 0, 1)[None] - np.float32(MIDDLE_GREY))
+    return dict(zip(names, session.run(names, {session.get_inputs()[0].name: given}), strict=True))
 
 
 def held_part(answer: F32) -> F32:

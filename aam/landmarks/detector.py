@@ -19,10 +19,12 @@ import numpy as np
 from guise.aam.landmarks.boxes import check_smallest, no_boxes, smallest_pixels, strongest
 from guise.aam.landmarks.face import BoxFit
 from guise.aam.onnx_model import ShippedNetwork
-from guise.common.arrays import F32, F64, U8
+from guise.common.arrays import F32, F64, U8, side_by_side
+from guise.common.kernels import kernel
 
 MIN_FACE_PIXELS = 12  # that the network sees reliably
 _STRIDES = (8, 16, 32)
+MIDDLE_GREY = 127.5  # 0 for the network
 UNIT_STRIDES = 2  # of the network's distances
 _FIT = BoxFit()
 
@@ -61,6 +63,7 @@ class FaceDetector:
         """Check the options and load the network."""
         check_smallest(self.smallest)
         self._session = ShippedNetwork("detector.onnx", self.threads, keeps=True)
+        self._memory: list[F32] = []  # of the network's pictures, each of one call at a time
 
     def detect(self, image: U8) -> F32:
         """Boxes (n, 4)."""
@@ -70,7 +73,7 @@ class FaceDetector:
         """Boxes (n, 4) and scores (n,) in [0, 1]."""
         small = self._scaled(image)
         rgb = cv2.cvtColor(small, cv2.COLOR_GRAY2RGB) if small.ndim == 2 else small
-        levels = self._session.run(None, {"image": np.ascontiguousarray(rgb)[None]})
+        levels = self._answers(side_by_side(rgb))
         found = [
             _peaks(maps[0], stride, self.min_score) for maps, stride in zip(levels, _STRIDES, strict=True)
         ]
@@ -80,12 +83,29 @@ class FaceDetector:
         scale = np.array(image.shape[1::-1]) / small.shape[1::-1]
         return strongest((boxes + 0.5) * np.tile(scale, 2) - 0.5, scores, self.min_score)
 
+    def _answers(self, rgb: U8) -> list[F32]:
+        """The network's levels for the picture (h, w, 3) that it sees."""
+        memory = self._memory.pop() if self._memory else np.empty(0, np.float32)
+        if memory.size < rgb.size:
+            memory = np.empty(rgb.size, np.float32)
+        planes = memory[: rgb.size].reshape(3, *rgb.shape[:2])
+        colour_planes(rgb, MIDDLE_GREY, planes)
+        levels: list[F32] = self._session.run(None, {"image": planes[None]})
+        self._memory.append(memory)
+        return levels
+
     def _scaled(self, image: U8) -> Any:
         height, width = image.shape[:2]
         smallest = smallest_pixels(self.smallest, image)
         factor = min(1.0, MIN_FACE_PIXELS / smallest, self.longest / max(height, width))
         size = (max(1, round(width * factor)), max(1, round(height * factor)))
         return image if size == (width, height) else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+
+
+@kernel
+def colour_planes(picture: U8, middle: float, planes: F32) -> None:
+    """Write the components of a picture (h, w, 3) less a middle value, one after another, to planes (3, h, w)."""
+    np.subtract(cv2.split(picture), np.float32(middle), out=planes)
 
 
 def _peaks(maps: F32, stride: int, least: float) -> tuple[F64, F64]:

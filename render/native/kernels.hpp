@@ -9,6 +9,7 @@ namespace guise {
 // Their names.
 #define GUISE_KERNELS(K) \
     K(brow_shifts) \
+    K(colour_planes) \
     K(composite) \
     K(correct_points) \
     K(enlarge) \
@@ -48,6 +49,7 @@ struct Kernels {
     void (*brow_shifts)(Array<const i64> corners, Array<const float> weights, Array<const double> shape,
                         Array<const u8> luma, Array<const float> right, Array<const float> left,
                         Array<const double> limits, Array<const double> costs, Array<double> found);
+    void (*colour_planes)(Array<const u8> picture, double middle, Array<float> planes);
     void (*composite)(Array<const u8> texture, Array<const u8> alpha, Array<const double> snapped,
                       Array<const i32> triangles, Array<const double> grid, double opacity, Array<u8> target);
     void (*correct_points)(Array<const double> points, Array<const i64> parts, Array<const float> centre,

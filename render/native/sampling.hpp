@@ -37,3 +37,31 @@ void sample_planes(Array<const u8> luma, Array<const u8> first, Array<const u8> 
         }
     }
 }
+
+void colour_planes(Array<const u8> picture, double middle, Array<float> planes) {
+    const i64 height = picture.shape[0], width = picture.shape[1];
+    require(picture.axes == 3 && picture.shape[2] == 3, "picture must be (h, w, 3)");
+    require(planes.axes == 3 && planes.shape[0] == 3 && planes.shape[1] == height && planes.shape[2] == width,
+            "planes must be (3, h, w)");
+    const float less = float(middle);
+    for (i64 y = 0; y < height; ++y) {
+        const u8 *from = picture.row(y);
+        float *to[3];
+        for (i64 part = 0; part < 3; ++part) to[part] = planes.row(part) + y * width;
+        i64 x = 0;
+#if defined(GUISE_SSE)
+        const __m128i first = _mm_setr_epi8(0, -1, -1, -1, 3, -1, -1, -1, 6, -1, -1, -1, 9, -1, -1, -1);
+        const __m128 lower = _mm_set1_ps(less);
+        for (; 3 * x + 18 <= 3 * width; x += 4) {  // of 16 bytes twelve are used, from each place on
+            for (int part = 0; part < 3; ++part) {
+                const __m128i bytes = _mm_loadu_si128(reinterpret_cast<const __m128i *>(from + 3 * x + part));
+                const __m128 values = _mm_cvtepi32_ps(_mm_shuffle_epi8(bytes, first));
+                _mm_storeu_ps(to[part] + x, _mm_sub_ps(values, lower));
+            }
+        }
+#endif
+        for (; x < width; ++x) {
+            for (int part = 0; part < 3; ++part) to[part][x] = float(from[3 * x + part]) - less;
+        }
+    }
+}
