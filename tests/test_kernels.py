@@ -105,6 +105,24 @@ def test_show_through(seed: int, sharpening: float) -> None:
 
 @compiled
 @settings(max_examples=60, deadline=None)
+@given(seeds, st.integers(1, 5))
+def test_sample_cells(seed: int, layers: int) -> None:
+    rng = np.random.default_rng(seed)
+    h, w, count = (int(side) for side in rng.integers(2, 30, 3))
+    mesh = on_mesh(rng, count, (h, w))
+    depth, across = rng.normal(0, 0.3, count).astype(np.float32), rng.normal(0, 3, 2).astype(np.float32)
+    to_cells = np.eye(2, 3) + rng.normal(0, 0.1, (2, 3))
+    maps = rng.random((h, w, layers), np.float32) / 16  # the twin reads at whole 32nds
+
+    def arguments() -> tuple[Any, ...]:
+        places, shares = np.empty((count, 2), np.float32), np.empty((layers, count), np.float32)
+        return mesh[2], mesh[0], mesh[1], depth, across, maps, to_cells, places, shares
+
+    assert_alike(both("sample_cells", arguments, (7, 8)), 1 / 255)
+
+
+@compiled
+@settings(max_examples=60, deadline=None)
 @given(seeds, st.floats(0, 1))
 def test_lay_over(seed: int, shown: float) -> None:
     rng = np.random.default_rng(seed)

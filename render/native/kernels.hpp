@@ -32,6 +32,7 @@ namespace guise {
     K(planar_similarity) \
     K(plausible_motion) \
     K(relief_seen) \
+    K(sample_cells) \
     K(sample_picture) \
     K(sample_planes) \
     K(scattered) \
@@ -101,6 +102,9 @@ struct Kernels {
                             Array<const double> limits);
     void (*relief_seen)(Array<const double> points, Array<const i64> vertices, Array<const float> weights,
                         Array<const double> depth, Array<const double> across, double beyond, Array<double> seen);
+    void (*sample_cells)(Array<const double> points, Array<const i64> corners, Array<const float> weights,
+                         Array<const float> depth, Array<const float> across, Array<const float> maps,
+                         Array<const double> to_cells, Array<float> places, Array<float> shares);
     void (*sample_picture)(Array<const u8> picture, Array<const float> points, Array<float> colours);
     void (*sample_planes)(Array<const u8> luma, Array<const u8> first, Array<const u8> second,
                           Array<const float> points, Array<const float> to_chroma, Array<const float> to_rgb,

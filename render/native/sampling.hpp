@@ -65,3 +65,39 @@ void colour_planes(Array<const u8> picture, double middle, Array<float> planes) 
         }
     }
 }
+
+void sample_cells(Array<const double> points, Array<const i64> corners, Array<const float> weights,
+                  Array<const float> depth, Array<const float> across, Array<const float> maps,
+                  Array<const double> to_cells, Array<float> places, Array<float> shares) {
+    const i64 layers = maps.shape[2];
+    require_points(points, points.shape[0], "points must be (v, 2)");
+    const Mesh mesh(corners, weights, points.shape[0]);
+    const i64 count = mesh.places;
+    require_points(places, count, "places must be (n, 2)");
+    require(depth.size() == count && across.size() == 2, "depth must be (n,), and across (2,)");
+    require(maps.axes == 3 && maps.size() > 0 && maps.stride == maps.shape[1] * layers, "maps must be (h, w, c)");
+    require(to_cells.axes == 2 && to_cells.shape[0] == 2 && to_cells.shape[1] == 3 && to_cells.stride == 3, "to_cells must be (2, 3)");
+    require(shares.axes == 2 && shares.shape[0] == layers && shares.shape[1] == count && shares.stride == count, "shares must be (c, n)");
+    mesh.lay(floats<200>(points.data, points.size()), places.data);
+    const Plane<float> plane{maps.data, maps.shape[1], maps.shape[0], maps.stride};
+    float map[6], *out = shares.data;
+    for (int k = 0; k < 6; ++k) map[k] = float(to_cells.data[k]);
+    const float across_x = across.data[0], across_y = across.data[1];
+    for (i64 k = 0; k < count; ++k) {
+        float *place = places.data + 2 * k;
+        place[0] += depth.data[k] * across_x, place[1] += depth.data[k] * across_y;
+        const float x = (map[0] * place[0] + map[1] * place[1]) + map[2], y = (map[3] * place[0] + map[4] * place[1]) + map[5];
+        Plane<float>::Cell cell = plane.cell(x, y);
+        cell.x0 *= layers, cell.x1 *= layers;
+        i64 c = 0;
+        for (; c + 4 <= layers; c += 4, cell.x0 += 4, cell.x1 += 4) {
+            const F4 a = F4::load(maps.data + cell.y0 + cell.x0), d = F4::load(maps.data + cell.y1 + cell.x0), along(cell.fx);
+            const F4 upper = a + (F4::load(maps.data + cell.y0 + cell.x1) - a) * along;
+            const F4 lower = d + (F4::load(maps.data + cell.y1 + cell.x1) - d) * along;
+            float four[4];
+            (upper + (lower - upper) * F4(cell.fy)).store(four);
+            for (i64 j = 0; j < 4; ++j) out[(c + j) * count + k] = four[j];
+        }
+        for (; c < layers; ++c, ++cell.x0, ++cell.x1) out[c * count + k] = plane.at(cell);
+    }
+}

@@ -55,8 +55,10 @@ from guise.app.drawing.face import (
 )
 from guise.app.drawing.memory import CoverMemory, Memory
 from guise.app.media import Frame
-from guise.common.arrays import F32, F64, I32, Bool
+from guise.common.arrays import F32, F64, I32, Bool, Int
 from guise.common.decay import Decay
+from guise.common.kernels import kernel
+from guise.common.sampling import remap_points
 from guise.common.small import mean
 from guise.common.tuned import derived, tuned
 
@@ -210,9 +212,8 @@ class Cover:
     def _uncovered(self, face: FaceInFrame, memory: Memory) -> F32 | None:
         """(h, w) share in [0, 1] of the drawn face that nothing hides, on the reference grid; None is all of it."""
         kept, seen, cells = memory.cover, face.seen, self._cells
-        places = cells.places(face)
         assert seen.layers is not None
-        layers = seen.layers.at(places).T
+        places, layers = cells.read(face, seen.layers)
         worn = np.zeros_like(layers[0])
         if self._only_objects:
             hidden, is_moving = cells.reaching_in(layers[1], layers[2], layers[-1])
@@ -332,7 +333,7 @@ class _Cells:
         cells = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).reshape(-1, 2)
         places = cells * self._grid.cell
         self._sampler = MeshSampler.build(reference, places.astype(np.float64))
-        self._depth = Relief.shipped(reference).at(places.astype(np.float64))[:, None]
+        self._depth = Relief.shipped(reference).at(places.astype(np.float64))
         x, y = np.minimum(np.round(places).astype(int), np.array(reference.size[::-1]) - 1).T
         self.beyond = None if beyond is None else beyond[y, x]
         around = soft_parts(reference, (RIGHT_BROW, LEFT_BROW, *EYES), GROWTH / 2)
@@ -351,9 +352,16 @@ class _Cells:
         reach = 2 * round(LIMITS.mirror_face_widths / CELL) + 1
         self._reach = np.ones((reach, reach), np.uint8)
 
-    def places(self, face: FaceInFrame) -> F32:
-        """(n, 2) pixels of the frame."""
-        return self._sampler.positions(face.mesh) + self._depth * face.sight.across.astype(np.float32)
+    def read(self, face: FaceInFrame, layers: Layers) -> tuple[F32, F32]:
+        """(n, 2) pixels of the frame, and what layers (k, n) have there."""
+        maps, places = layers.hidden, np.empty((len(self._depth), 2), np.float32)
+        shares, across = (
+            np.empty((maps.shape[2], len(places)), np.float32),
+            face.sight.across.astype(np.float32),
+        )
+        mesh = face.mesh, self._sampler.vertices, self._sampler.weights
+        sample_cells(*mesh, self._depth, across, maps, layers.parsing.to_cells, places, shares)
+        return places, shares
 
     def in_front(self, thing: F32, hair: F32, frame: F32, lens: F32) -> tuple[F32, F32]:
         """Shares (n,) of the cells that objects hide, and that hair and glasses do."""
@@ -386,7 +394,7 @@ class _Cells:
         seen = thing > MIN_SHARE
         beside = np.count_nonzero(seen)
         return bool(beside > LIMITS.min_object_face_shares * self._area) or bool(
-            np.logical_or.reduce(seen[self._face.ravel()])
+            np.logical_or.reduce(seen & self._face.ravel())
         )
 
     def lasting(self, thing: F32, before: F32 | None) -> F32:
@@ -395,6 +403,8 @@ class _Cells:
         What lies in the person's beard for the most part is that.
         """
         inside = thing.reshape(self._grid.size) > MIN_SHARE
+        if not np.logical_or.reduce(inside & self._face, None):
+            return np.where(self._face.ravel(), np.float32(0), thing)
         labels = _patches(inside & self._face)
         reaching = _among(labels, labels[self._rim & inside])
         if self._beard is not None:
@@ -426,12 +436,35 @@ class _Cells:
             cells.reshape(self._grid.size), to_cells, (width, height),
             flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE,
         )  # fmt: skip
-        return np.asarray(np.minimum(np.maximum(picture, 0), 1), np.float32)
+        return np.asarray(picture, np.float32)
 
     def _on_both_sides(self, glasses: F32) -> F32:
         """The share (n,) of the cells without what has no counterpart: an eye in the shade is no glass."""
         other = cv2.dilate(glasses.reshape(self._grid.size)[:, self._mirrored], self._reach)
         return np.minimum(glasses, other.ravel())
+
+
+@kernel
+def sample_cells(
+    points: F64,
+    corners: Int,
+    weights: F32,
+    depth: F32,
+    across: F32,
+    maps: F32,
+    to_cells: F64,
+    places: F32,
+    shares: F32,
+) -> None:
+    """Read maps (h, w, c) at places of a mesh, bilinearly, beyond their edges as at them.
+
+    points, corners, weights : (v, 2) of the mesh, and (3, n) of the places, see `MeshSampler`.
+    depth, across : (n,) of the places, and how far one moves for each unit of it (2,).
+    to_cells : (2, 3) affine map from the mesh's pixels to the maps'.
+    places, shares : (n, 2) pixels and (c, n), which are written.
+    """
+    places[:] = MeshSampler(corners, weights).positions(points) + depth[:, None] * across
+    shares[:] = remap_points(maps, cv2.transform(places[None], to_cells)[0]).reshape(len(places), -1).T
 
 
 def _patches(inside: Bool) -> I32:
@@ -450,7 +483,7 @@ def _steady(kept: CoverMemory, worn: F32, since: float) -> F32:
     """The share (n,) of the cells that what comes and goes slowly hides, with memory."""
     if kept.worn is not None:
         worn = worn + np.float32(LIMITS.memory.over(since)) * (kept.worn - worn)
-        worn[worn < LEAST] = 0  # what fades for ever gets too small to be multiplied quickly
+        worn *= worn >= LEAST  # what fades for ever gets too small to be multiplied quickly
     kept.worn = worn
     return worn
 
