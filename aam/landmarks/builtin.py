@@ -59,7 +59,6 @@ class LandmarkerLimits:
     min_first_likeness: float = (
         0.0  # unless the crop looks like a face: rolled by 45 degrees its points are unsure
     )
-    min_usable_likeness: float = -8.0  # of a box, below which it has no points: they are not computed
     min_confidence: float = 0.05  # of a face that is reported
     sure_confidence: float = 0.9  # of a face in a box, from which it is not looked at upside down as well
     near_interocular: float = 0.05  # from its place, within which a point is right
@@ -226,7 +225,7 @@ class BuiltinLandmarker:
 
     def look_in_box(self, rgb: U8, box: NDArray[Any], turn: float = 0.0) -> tuple[Face | None, float]:
         """Both `points_in_box` and `likeness`, which begin with the same pass."""
-        first = self._first(rgb, box, turn, LIMITS.min_usable_likeness)
+        first = self._first(rgb, box, turn)
         face = self._second(rgb, first)
         if face is None or face.confidence >= LIMITS.sure_confidence or HALF_TURN not in self._turned:
             return face, first.logit
@@ -239,10 +238,10 @@ class BuiltinLandmarker:
 
         A logit: above 0 nearly all are faces, below -3 hardly any.
         """
-        return self._first(rgb, box, turn, math.inf).logit
+        return self._first(rgb, box, turn, points=False).logit
 
-    def _first(self, rgb: U8, box: NDArray[Any], turn: float, least: float) -> Prediction:
-        return self._pass(rgb, *_square_about(box, turn), turn, least=least)
+    def _first(self, rgb: U8, box: NDArray[Any], turn: float, *, points: bool = True) -> Prediction:
+        return self._pass(rgb, *_square_about(box, turn), turn, points=points)
 
     def _second(self, rgb: U8, first: Prediction) -> Face | None:
         """The face after another pass, on the upright crop; None where the first is not like a face."""
@@ -253,25 +252,27 @@ class BuiltinLandmarker:
     def _other_way_up(self, rgb: U8, face: Face) -> Face | None:
         """The face that is upside down where another was seen; a pass more, as its middle lies elsewhere."""
         centre, side, turn = upright_square(face.points.astype(np.float64))
-        rough = self._pass(rgb, centre, side, turn + np.pi, least=LIMITS.min_usable_likeness)
+        rough = self._pass(rgb, centre, side, turn + np.pi)
         if not rough.is_usable or not self._is_hopeful(rough):
             return None
         return self._second(rgb, self._pass(rgb, *upright_square(rough.points)))
 
     def _pass(
-        self, rgb: U8, centre: F64, side: float, turn: float, *, asks: bool = True, least: float = -math.inf
+        self, rgb: U8, centre: F64, side: float, turn: float, *, asks: bool = True, points: bool = True
     ) -> Prediction:
         """What the network gives.
 
-        asks : whether it looks like a face, a sixth of the time.   least : likeness, below which points are NaN, which
-        saves a third.
+        asks : whether it looks like a face, a sixth of the time.   points : whether there are any, a third.
         """
         crop, inverse = cut(rgb, centre, CROP.side_head_boxes * side, turn)
-        given = {"crop": crop[None], "looks": np.array(asks), "least": np.array([least], np.float32)}
+        least = np.array(
+            [-math.inf if points else math.inf], np.float32
+        )  # likeness from which there are points
+        given = {"crop": crop[None], "looks": np.array(asks), "least": least}
         found, deviations, face = self._session.run(None, given)
-        points, sigma = np.empty(found.shape[1:]), np.empty(deviations.shape[1:])
-        place_points(found[0], deviations[0], inverse, points, sigma)
-        return Prediction(points, sigma, float(face[0]) if asks else math.inf)
+        made, sigma = np.empty(found.shape[1:]), np.empty(deviations.shape[1:])
+        place_points(found[0], deviations[0], inverse, made, sigma)
+        return Prediction(made, sigma, float(face[0]) if asks else math.inf)
 
     def _judged(self, rgb: U8, found: Prediction) -> Face | None:
         confidence, certain = self._judgement(rgb, found, found.logit)
