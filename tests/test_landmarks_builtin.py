@@ -279,11 +279,11 @@ def test_a_look_in_a_box_gives_its_points_and_its_likeness_by_one_pass(
     np.testing.assert_array_equal(looked[0][0].points, known[0][0].points)
 
 
-def test_points_are_computed_only_where_there_may_be_a_face() -> None:
+def test_the_likeness_alone_needs_no_points() -> None:
     picture, truth = frames("p02")[0]
     box = Face.around(truth, 1.0).box
     likeness = landmarker().likeness(picture, box)
-    found, less = (landmarker()._first(picture, box, 0.0, likeness + above) for above in (-0.1, 0.1))
+    found, less = (landmarker()._first(picture, box, 0.0, points=points) for points in (True, False))
     assert found.is_usable
     assert np.isnan(less.points).all()
     assert less.logit == found.logit == likeness
