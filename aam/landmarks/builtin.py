@@ -265,10 +265,8 @@ class BuiltinLandmarker:
         asks : whether it looks like a face, a sixth of the time.   points : whether there are any, a third.
         """
         crop, inverse = cut(rgb, centre, CROP.side_head_boxes * side, turn)
-        least = np.array(
-            [-math.inf if points else math.inf], np.float32
-        )  # likeness from which there are points
-        given = {"crop": crop[None], "looks": np.array(asks), "least": least}
+        least = -math.inf if points else math.inf  # likeness from which there are points
+        given = {"crop": crop[None], "looks": np.array(asks), "least": np.array([least], np.float32)}
         found, deviations, face = self._session.run(None, given)
         made, sigma = np.empty(found.shape[1:]), np.empty(deviations.shape[1:])
         place_points(found[0], deviations[0], inverse, made, sigma)
