@@ -9,9 +9,7 @@ the logits of the clips' faces move, and the time of both.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
-import time
 from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path
@@ -23,10 +21,9 @@ from onnx import numpy_helper
 from onnxruntime.quantization import CalibrationMethod, QuantFormat, QuantType, quantize_static
 
 from guise.aam.landmarks.voting import levels, whole_blocks
-from guise.aam.onnx_model import open_session
 from guise.app.media import open_input
 from guise.common.arrays import F32, U8
-from training.round_detector import FRAMES, STEP, Feed
+from training.round_detector import FRAMES, STEP, Feed, run
 from training.stored_weights import halve
 
 SMALLEST = 30.0  # pixels of a face of the largest picture
@@ -78,29 +75,5 @@ def logits(session: Any, pictures: Iterable[U8]) -> F32:
     return np.concatenate([votes[0, 0].ravel() for votes in answers])
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--network", type=Path, required=True)
-    parser.add_argument("--clips", type=Path, nargs="+", required=True)
-    parser.add_argument("--out", type=Path, required=True)
-    options = parser.parse_args()
-    pictures = list(seen(sorted(options.clips)))
-    rounded(options.network, options.out, iter(pictures))
-    found, seconds = [], []
-    for file in (options.network, options.out):
-        session = open_session(file.read_bytes())
-        start = time.thread_time()
-        found.append(logits(session, pictures))
-        seconds.append(time.thread_time() - start)
-    faces = found[0] > 0
-    away = (found[1] - found[0])[faces]
-    print(f"{faces.sum()} cells in a face: logits move by {away.mean():.3f} +- {away.std():.3f}, ", end="")
-    print(
-        f"{(found[1][faces] > 0).mean():.1%} stay above 0; {seconds[1] / seconds[0]:.2f} of the time, ",
-        end="",
-    )
-    print(f"{options.out.stat().st_size:,} bytes instead of {options.network.stat().st_size:,}")
-
-
 if __name__ == "__main__":
-    main()
+    run(__doc__.splitlines()[0], seen, rounded, logits)

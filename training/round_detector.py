@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -109,8 +109,12 @@ def logits(session: Any, pictures: Iterable[U8]) -> F32:
     return np.concatenate([level[0, 0].ravel() for level in answers])
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def run(
+    description: str, seen: Callable[[list[Path]], Iterator[U8]], rounded: Callable[[Path, Path, Iterator[U8]], None],
+    logits: Callable[[Any, Iterable[U8]], F32],
+) -> None:  # fmt: skip
+    """Round the network that the command line names, and say how far the logits of faces move, and the time of both."""
+    parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--network", type=Path, required=True)
     parser.add_argument("--clips", type=Path, nargs="+", required=True)
     parser.add_argument("--out", type=Path, required=True)
@@ -134,4 +138,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(__doc__.splitlines()[0], seen, rounded, logits)
